@@ -17,6 +17,7 @@ import os
 import re
 import stat
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -46,6 +47,9 @@ except ImportError:  # not on Windows
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
 _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("record", default=None)
+
+#: The mode of new files is read by setting it, for the whole process: two threads at once would leave it at 0.
+_umask = threading.Lock()
 
 #: What a file system without locks answers.
 NO_LOCKS = {
@@ -173,8 +177,9 @@ def make_durable(name: str) -> None:
     """Force a file to the disk, and give it the mode of a file that `open` makes."""
     with open(name, "rb") as file:
         os.fsync(file.fileno())
-    mask = os.umask(0)
-    os.umask(mask)
+    with _umask:
+        mask = os.umask(0)
+        os.umask(mask)
     os.chmod(name, 0o666 & ~mask)
 
 
@@ -188,15 +193,16 @@ def _raise_interruption(error: BaseException) -> None:
 
 
 @contextmanager
-def part_file(folder: Path, prefix: str) -> Iterator[str]:
+def part_file(folder: Path, prefix: str, cleared: bool = False) -> Iterator[str]:
     """The name of a new file to write and then to rename; it is removed where that does not happen.
 
     The file is locked until the end of the block, so that others can tell it from one whose process was killed. Of
-    those with this prefix nothing is left: they are removed first.
+    those with this prefix nothing is left: they are removed first, unless `clear_parts` has `cleared` them.
 
     Raises OSError, ValueError: the folder cannot be written.
     """
-    _clear_parts(folder, prefix)
+    if not cleared:
+        clear_parts(folder, re.escape(prefix))
     handle, name = _locked_part(folder, prefix)
     try:
         yield name
@@ -234,9 +240,10 @@ def _locked_part(folder: Path, prefix: str) -> tuple[int, str]:
         # else it was taken for a left-over before, or at the very moment when, it was locked
 
 
-def _clear_parts(folder: Path, prefix: str) -> None:
-    """Remove the files that killed processes had begun: nobody holds their lock, or there are none and they are old."""
-    begun = re.compile(re.escape(prefix) + r"\w{8}" + re.escape(_PART))
+def clear_parts(folder: Path, prefix: str) -> None:
+    """Remove the files that killed processes had begun, whose names begin with a prefix, a regular expression: nobody
+    holds their lock, or there are none and they are old."""
+    begun = re.compile(prefix + r"\w{8}" + re.escape(_PART))
     for path in [folder / name for name in os.listdir(folder) if begun.fullmatch(name)]:
         with suppress(OSError):
             if not stat.S_ISREG(os.lstat(path).st_mode):

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 #: Largest number of threads that can be requested.
 MOST_THREADS = 1024
 
-#: Files of a group of processes whose share of the processors is limited: version 2 of the interface, and version 1.
-QUOTA, QUOTA_1, PERIOD_1 = (
-    Path("/sys/fs/cgroup", name) for name in ("cpu.max", "cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
-)
+#: Where the system tells of control groups, and of those of this process.
+GROUPS, OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 _requested: list[int] = []
 
@@ -32,18 +35,33 @@ def thread_count() -> int:
 
 
 def available() -> int:
-    """Processors that this process may run on: its affinity, and no more than the share of its group (cgroup)."""
+    """Processors that this process may run on: its affinity, and no more than the share of its groups (cgroup)."""
     own = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(own, _share()))
+    return max(1, min([own, *map(_share, own_groups("cpu", GROUPS, OWN_GROUPS))]))
 
 
-def _share() -> int:
-    """Processors whose time the group of this process may use, rounded up; very many where it is not limited."""
+def own_groups(controller: str, root: Path, own: Path) -> list[Path]:
+    """Folders of the control groups of this process with their parents, of version 2 of the interface and of version 1,
+    where it has a folder for each controller; in a container those that it sees."""
+    paths = {"": "/", controller: "/"}
+    with suppress(OSError, ValueError):
+        for line in own.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            paths |= {name: path for name in controllers.split(",") if name in paths}
+    return [
+        root / name / str(folder).lstrip("/")
+        for name, path in paths.items()
+        for folder in (PurePosixPath(path), *PurePosixPath(path).parents)
+    ]
+
+
+def _share(group: Path) -> int:
+    """Processors whose time a group may use, rounded up; very many where it is not limited."""
     try:
-        if QUOTA.exists():
-            quota, period = QUOTA.read_text().split()
+        if (group / "cpu.max").exists():
+            quota, period = (group / "cpu.max").read_text().split()
         else:
-            quota, period = QUOTA_1.read_text(), PERIOD_1.read_text()
+            quota, period = ((group / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period"))
         share = float(quota) / float(period)
     except (OSError, ValueError, ZeroDivisionError):  # not limited ("max"), or no such system
         return sys.maxsize
@@ -66,3 +84,21 @@ def limited_threads(count: int | None) -> Iterator[None]:
         yield
     finally:
         _requested.remove(count)
+
+
+def in_threads(function: Callable[[Item], Result], items: Iterable[Item], most: int) -> Iterator[Result]:
+    """What a function gives for each item, in their order, by at most so many threads: for one that waits for the disk,
+    or works outside of the interpreter. Few items are begun before they are needed."""
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+    threads, begun = min(most, thread_count()), deque[Future[Result]]()
+    if threads == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for item in items:
+            begun.append(pool.submit(function, item))
+            if len(begun) > 2 * threads:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()

@@ -27,12 +27,14 @@ from flexhinf.campaign import (
     run_campaign,
 )
 from flexhinf.campaign.batches import Rows
-from flexhinf.campaign.driver import in_processes, in_this_process
-from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_columns
+from flexhinf.campaign.driver import Report, in_processes, in_this_process
+from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
+from flexhinf.campaign.parquet import read_columns
 from flexhinf.campaign.results import CACHED
 from flexhinf.codegen import shared
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
+from flexhinf.processors import limited_threads
 
 pytest.importorskip("pyarrow")
 
@@ -119,6 +121,38 @@ def test_damaged_shards_are_found_told_and_run_again(whole: Path, tmp_path: Path
     assert [note for note in notes if changed.name in note]
     assert [note for note in notes if "batch-00000009" in note]
     assert told[-1].fresh == 48
+    assert table_of(folder) == table_of(whole)
+
+
+def test_any_number_of_threads_writes_the_same_bytes(whole: Path, tmp_path: Path) -> None:
+    campaign = made_campaign()
+    for threads in (1, 3):
+        folder = tmp_path / str(threads)
+        with limited_threads(threads):
+            drive(campaign, Journal.opened(folder, campaign))
+        assert [path.name for path in shards_of(folder)] == [path.name for path in shards_of(whole)]
+        assert table_of(folder) == table_of(whole)
+
+
+def test_a_driver_that_ends_early_leaves_whole_files_and_goes_on(whole: Path, tmp_path: Path) -> None:
+    campaign, folder = made_campaign(), tmp_path / "campaign"
+
+    def interrupted(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
+        yield from in_this_process(campaign, batches[:2])
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        drive(campaign, Journal.opened(folder, campaign), executor=interrupted)
+    assert sorted(path.name for path in (folder / SHARDS).iterdir()) == [
+        path.name for path in shards_of(whole)[:2]
+    ]
+    (folder / SHARDS / ".batch-00000003.abcdefgh.part").write_bytes(b"begun by a driver that was killed")
+    told: list[Report] = []
+    drive(campaign, Journal.opened(folder, campaign), progress=told.append)
+    assert [told[0].done, told[-1].done] == [32, campaign.samples]
+    assert sorted(path.name for path in (folder / SHARDS).iterdir()) == [
+        path.name for path in shards_of(whole)
+    ]
     assert table_of(folder) == table_of(whole)
 
 
@@ -232,6 +266,7 @@ def test_a_driver_killed_by_sigkill_takes_its_workers_with_it(tmp_path: Path) ->
 
 DRIVER = """
 import sys
+import threading
 from flexhinf.campaign import Journal, drive
 from flexhinf.campaign.driver import in_this_process
 from tests.campaign.conftest import made_campaign
@@ -239,12 +274,21 @@ from tests.campaign.conftest import made_campaign
 def two_and_one_in_flight(campaign, batches):
     yield from in_this_process(campaign, batches[:2])
     (third,) = in_this_process(campaign, batches[2:3])
+    written.acquire()
+    written.acquire()
     print("written:2", flush=True)
     sys.stdin.read()  # until the driver is killed
     yield third
 
-campaign = made_campaign()
-drive(campaign, Journal.opened(sys.argv[1], campaign), executor=two_and_one_in_flight)
+def write(*batch):
+    path = journal_write(*batch)
+    written.release()
+    return path
+
+campaign, written = made_campaign(), threading.Semaphore(0)
+journal = Journal.opened(sys.argv[1], campaign)
+journal_write, journal.write = journal.write, write
+drive(campaign, journal, executor=two_and_one_in_flight)
 """
 
 

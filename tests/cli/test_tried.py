@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few poses and goals, and one bandwidth; trials do not run out of time, however busy the machine."""
-    monkeypatch.setattr(advice.time, "process_time", lambda: 0.0)
+    monkeypatch.setattr(advice, "cpu_seconds", lambda: 0.0)
     workspaces.few(monkeypatch, POSES=3, GOALS=3, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(28.0,))
 
 

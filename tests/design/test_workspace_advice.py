@@ -99,7 +99,7 @@ def test_trials_end_with_their_time_and_the_first_that_meets_all(
 ) -> None:
     """By a clock of its own: a trial looks at it between poses, and one that ran out of time counts as not tried."""
     clock = itertools.count()
-    monkeypatch.setattr(advice.time, "process_time", lambda: next(clock))
+    monkeypatch.setattr(advice, "cpu_seconds", lambda: next(clock))
     lines = [missed("speed", 2.0), missed("corners", 2.0)]
     design, tried = fake(robot_of("planar-two-link"), lines, measurement_noise=1e-10), []
 

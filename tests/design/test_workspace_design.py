@@ -19,10 +19,11 @@ from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
 from flexhinf.design.workspace.design import check_loop
 from flexhinf.design.workspace.samples import corner_moves
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.design.workspace.search import ChosenPoses, tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
 from flexhinf.pages.workspace_summary import workspace_verdict
+from flexhinf.processors import limited_threads
 from flexhinf.robot.workspace import workspace_of
 
 Named = Callable[[str], Any]
@@ -131,6 +132,25 @@ def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -
     missed = [next(line.found for line in d.requirements if "gain" in line.what) for d in (stays, leaves)]
     assert missed == [0.0, 4.0]
     assert all(max(loop.louder, loop.softer) < 1.0 for loop in stays.loops)
+
+
+@pytest.mark.ci("designs for a workspace twice")
+def test_any_number_of_processes_makes_the_same_design(robot_of: Named) -> None:
+    robot, found = robot_of("planar-two-link"), []
+    for count in (1, 2):
+        with limited_threads(count):
+            evidence = fh.design(robot).evidence
+            assert isinstance(evidence, WorkspaceEvidence)
+            poses = ChosenPoses(robot, evidence.specification, evidence.setup.workspace, 4)
+            setup = replace(evidence.setup, specification=poses.wanted)
+            excess = poses.excess(setup)
+            assert excess is not None
+            assert poses.excess(setup, excess.tolist()) is None
+            assert np.array_equal(poses.excess(setup, [np.inf]), excess)
+            moves = [move.response.run.signals for move in (*evidence.moves, *evidence.sampled)]
+            loops = evidence.loops, evidence.corner_loops, evidence.undamped
+            found.append((excess, loops, moves, evidence.requirements, evidence.look_beyond()))
+    np.testing.assert_equal(*found)
 
 
 @pytest.mark.ci("designs the arm three times")

@@ -10,13 +10,15 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from contextvars import copy_context
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,6 +53,10 @@ AHEAD, PATIENCE = 2, 10.0
 
 #: How long batches that run at once may take, s: progress is reported, and Ctrl-C noticed, between them.
 TOGETHER = 1.0
+
+#: Number of threads that write files, most of whose time is that of the disk; samples that may wait for them, but none
+#: after a batch that took so long, s.
+WRITERS, WAITING, LONG = 4, LARGEST_BATCH, 0.5
 
 #: Number of worker deaths in a row, without a finished batch, after which the driver gives up.
 DEATHS = 5
@@ -226,14 +232,57 @@ def drive(
             again = f"{path.name} is {wrong}; it is now called {aside.name}, and its samples run again"
             progress(Report(done, total, fresh, again))
         progress(Report(done, total, fresh))
-        with closing(_run(executor or in_this_process, campaign, missing)) as results:
-            for batch, rows in results:
-                good[batch] = journal.write(batch, rows)
-                fresh += len(rows["sample"])
+        journal.clear()
+        with (
+            closing(_run(executor or in_this_process, campaign, missing)) as results,
+            closing(_written(journal, results)) as files,
+        ):
+            for batch, path in files:
+                good[batch] = path
+                fresh += journal.size(batch)
                 progress(Report(done + fresh, total, fresh))
         if shard.of > 1:
             good = journal.shards()[0]
         return None if len(good) < journal.batches else merged(journal, good)
+
+
+def _written(
+    journal: Journal, results: Iterable[tuple[int, Rows]]
+) -> Generator[tuple[int, Path], None, None]:
+    """Write batches while the next ones run; each with its file, once that is on the disk, in any order.
+
+    Where this ends early, what was taken is written, unless the disk refuses. After a batch for which it waited `LONG`
+    nothing is left to write, so that little is lost, and progress is told, where batches take long.
+    """
+    pool, finished, waiting = ThreadPoolExecutor(WRITERS), SimpleQueue[Future[tuple[int, Path]]](), 0
+
+    def write(batch: int, rows: Rows) -> tuple[int, Path]:
+        return batch, journal.write(batch, rows)
+
+    def next_written() -> tuple[int, Path]:
+        nonlocal waiting
+        try:
+            batch, path = finished.get().result()
+        except FlexhinfError:
+            pool.shutdown(cancel_futures=True)
+            raise
+        waiting -= journal.size(batch)
+        return batch, path
+
+    try:
+        begun = time.perf_counter()
+        for batch, rows in results:
+            # what is written here is that of the context in which this runs, see `files.recorded`
+            pool.submit(copy_context().run, write, batch, rows).add_done_callback(finished.put)
+            waiting += journal.size(batch)
+            most = 0 if time.perf_counter() - begun > LONG else WAITING
+            while waiting > most or (waiting and not finished.empty()):
+                yield next_written()
+            begun = time.perf_counter()
+        while waiting:
+            yield next_written()
+    finally:
+        pool.shutdown()
 
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:

@@ -17,21 +17,24 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import count, islice
+from functools import cached_property, partial
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.campaign.batches import OWN, Campaign, Column, Rows
+from flexhinf.campaign.batches import LARGEST_BATCH, OWN, TRACED, Campaign, Column, Rows
 from flexhinf.campaign.draws import Tolerances, sample_seeds
 from flexhinf.campaign.manifest import KIND, MOST_BYTES, UNREADABLE, check_manifest, read_sealed, sealed
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
+from flexhinf.campaign.parquet import BATCH_FORMAT, TABLE_FORMAT, arrow_array, numpy_column, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
-from flexhinf.files import locked, make_durable, note_written, part_file
+from flexhinf.files import clear_parts, locked, make_durable, note_written, part_file
+from flexhinf.processors import in_threads
 from flexhinf.validation import (
     NotReadable,
     access_to,
@@ -44,58 +47,14 @@ from flexhinf.validation import (
 
 Stored = TypeVar("Stored")
 
-FORMAT: dict[str, Any] = {
-    "compression": "zstd",
-    "write_statistics": True,
-    "use_dictionary": ["status", "failure"],
-}
-
-
-def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
-    """Columns of a file as an Arrow table, all by default; InvalidInput if it cannot be read."""
-    from pyarrow import ArrowException, parquet
-
-    try:
-        with access_to(path), parquet.ParquetFile(path) as file:
-            return file.read(columns=None if names is None else list(names))
-    except (MemoryError, NotReadable):  # an exception of Arrow is one of MemoryError too
-        raise
-    except (OSError, ValueError, KeyError, ArrowException) as error:
-        raise InvalidInput(
-            "A file of the campaign cannot be read.",
-            f"{path}: {str(error)[:200]}",
-            "the campaign's command again, which checks each file and runs the samples of a damaged one again",
-        ) from error
-
-
-def _arrow(values: np.ndarray) -> Any:
-    import pyarrow as pa
-
-    if values.ndim == 2:
-        flat = pa.array(values.ravel(), mask=np.isnan(values).ravel())
-        return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
-    if values.dtype == object:
-        return pa.array(values.tolist(), pa.string())
-    return pa.array(values, mask=np.isnan(values) if values.dtype == float else None)
-
-
-def numpy_column(column: Any) -> np.ndarray:
-    """A column (N,), or (N, T) of lists; NaN for what is missing."""
-    import pyarrow as pa
-
-    whole = column.combine_chunks()
-    if pa.types.is_fixed_size_list(whole.type):
-        return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
-    if pa.types.is_string(whole.type):
-        coded = whole.dictionary_encode()  # a table has few different texts; equal ones share one object
-        texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-        return texts[coded.indices.fill_null(len(texts) - 1).to_numpy(zero_copy_only=False)]
-    return np.array(whole.to_numpy(zero_copy_only=False))
-
 
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
-    """Write a file under a temporary name, force it to the disk, and rename it."""
-    with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
+    """Write a file under a temporary name, force it to the disk, and rename it.
+
+    `prefix`: Of that name, where `clear_parts` has removed what was left over.
+    """
+    own = f".{path.name}." if prefix is None else prefix
+    with part_file(path.parent, own, cleared=prefix is not None) as name:
         Path(name).write_bytes(content)
         publish_whole(name, path)
 
@@ -136,7 +95,10 @@ _MOST_SHARD, _SPARE, _LONGEST_TEXT = 4 << 30, 1_000_000, 16_384
 MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".campaign-lock"
 
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
-_PREFIX = ".batch-{:08d}."
+_PREFIX, _PREFIXES = ".batch-{:08d}.", r"\.batch-\d{8}\."
+
+#: Largest number of threads that read files; bytes of rows that were just written, and need not be read for the table.
+READERS, _RECENT = 8, 64_000_000
 
 #: Relative tolerance for numbers that are drawn again: processors differ in the last bits of normal numbers.
 _SAME = 1e-9
@@ -258,15 +220,8 @@ class Journal:
             with disk_refusals(place):
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
                 write_whole(place / MANIFEST, sealed(manifest))
-            return Journal(
-                place,
-                campaign.settings,
-                campaign.digest,
-                campaign.columns,
-                campaign.time,
-                command,
-                about or {},
-            )
+            own = campaign.settings, campaign.digest, campaign.columns, campaign.time
+            return Journal(place, *own, command, about or {})
         journal.refuse_campaign(campaign)
         return journal
 
@@ -297,6 +252,7 @@ class Journal:
         self.samples, self._batch = int(self.settings["samples"]), int(self.settings["batch"])
         self.batches = -(-self.samples // self._batch)
         self.metrics = [column.name for column in self.columns if column.judged]
+        self._recent: dict[Path, Any] = {}
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
@@ -324,20 +280,35 @@ class Journal:
             )
             yield
 
+    def clear(self) -> None:
+        """Remove what killed drivers had begun to write; FlexhinfError if the disk refuses."""
+        with disk_refusals(self.folder):
+            clear_parts(self.folder / SHARDS, _PREFIXES)
+
     def write(self, batch: int, rows: Rows) -> Path:
-        """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses."""
+        """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses. Several threads
+        may write batches at a time."""
         from pyarrow import BufferOutputStream, Table, parquet
 
-        schema, stream = self._schema(batch=str(batch)), BufferOutputStream()
-        table = Table.from_arrays([_arrow(rows[name]) for name in schema.names], schema=schema)
-        parquet.write_table(table, stream, **FORMAT)
+        schema, stream = self._schema_of(batch), BufferOutputStream()
+        table = Table.from_arrays([arrow_array(rows[name]) for name in schema.names], schema=schema)
+        parquet.write_table(table, stream, **BATCH_FORMAT)
         content = stream.getvalue().to_pybytes()
         digest = hashlib.sha256(content).hexdigest()[:16]
         path = self.folder / SHARDS / f"batch-{batch:08d}-{digest}.parquet"
         with disk_refusals(self.folder):
             write_whole(path, content, _PREFIX.format(batch))
         note_written(path.parent, path.parent)
+        if len(self._recent) * table.nbytes < _RECENT:
+            self._recent[path] = (
+                table if batch * self._batch < TRACED else table.select(self._table_schema.names)
+            )
         return path
+
+    def rows(self, path: Path, names: Sequence[str]) -> Any:
+        """Columns of a valid shard as an Arrow table; of one that was just written, from memory."""
+        table = self._recent.get(path)
+        return read_columns(path, names) if table is None else table.select(list(names))
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """Valid shards by batch, and invalid ones with the reason.
@@ -349,10 +320,7 @@ class Journal:
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
-        for path in self._parts():
-            match = _SHARD.match(path.name)
-            batch = int(match[1]) if match else -1
-            wrong = self._wrong(path, batch, match[2]) if match else "no name of a shard"
+        for path, batch, wrong in self._checked(self._parts()):
             if wrong:
                 bad.append((path, wrong))
                 continue
@@ -388,8 +356,39 @@ class Journal:
         names = (path.with_name(f"{path.name}.aside{k or ''}") for k in count())
         return path.rename(next(name for name in names if not os.path.lexists(name)))
 
-    def _wrong(self, path: Path, batch: int, digest: str) -> str:
-        """The defect of a batch's file whose name has this digest; empty for a valid file.
+    def _checked(self, paths: Sequence[Path]) -> Iterator[tuple[Path, int, str]]:
+        """Files with the name of a batch's, their batches (-1: none) and defects; see `_wrong`.
+
+        Those of many batches are checked together: their numbers are drawn at once, and threads read them.
+        """
+        together = max(1, LARGEST_BATCH // self._batch)
+        for first in range(0, len(paths), together):
+            some = paths[first : first + together]
+            named = (_SHARD.match(path.name) for path in some)
+            batches = [int(match[1]) if match else -1 for match in named]
+            expected = self._numbers_of({batch for batch in batches if 0 <= batch < self.batches})
+            yield from zip(some, batches, in_threads(partial(self._wrong, expected=expected), some, READERS))
+
+    def _numbers_of(self, batches: Collection[int]) -> dict[int, Rows] | ValueError | KeyError:
+        """Varied numbers of the samples of batches, drawn at once; none of a user's function, whose code is not in the
+        manifest. The error of settings that state no draw."""
+        ordered, names = sorted(batches), [c.name for c in self.columns if c.kind == "parameter"]
+        indices = [range(batch * self._batch, batch * self._batch + self.size(batch)) for batch in ordered]
+        try:
+            draw = Tolerances.stated(self.settings, names)
+            if draw is None or not ordered:
+                return {batch: {} for batch in ordered}
+            numbers = draw.numbers([*chain(*indices)], self.samples, int(self.settings["seed"]))
+        except (ValueError, KeyError) as error:
+            return error
+        ends = np.cumsum([0, *map(len, indices)]).tolist()
+        return {
+            batch: {name: column[start:end] for name, column in numbers.items()}
+            for batch, start, end in zip(ordered, ends, ends[1:])
+        }
+
+    def _wrong(self, path: Path, expected: dict[int, Rows] | ValueError | KeyError) -> str:
+        """The defect of a file with the name of a batch's, whose numbers were drawn; empty for a valid file.
 
         NotReadable for a file that cannot be read just now, and MemoryError: nothing is known of its rows.
 
@@ -399,12 +398,16 @@ class Journal:
         """
         from pyarrow import ArrowException, BufferReader, parquet, types
 
+        match = _SHARD.match(path.name)
+        if match is None:
+            return "no name of a shard"
+        batch, digest = int(match[1]), match[2]
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
         first = batch * self._batch
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
-        schema = self._schema(batch=str(batch))
+        schema = self._schema_of(batch)
         with access_to(path, self.folder):
             usable = path.is_file() and path.stat().st_size <= _MOST_SHARD
             content = read_bytes(path, _MOST_SHARD) if usable else b""
@@ -430,12 +433,10 @@ class Journal:
                     }
                 ):
                     return wrong
-                # a user's function, whose code is not in the manifest, is no such draw
-                draw = Tolerances.stated(
-                    self.settings, [c.name for c in self.columns if c.kind == "parameter"]
-                )
-                expected = {} if draw is None else draw.numbers(samples, self.samples, seed)
-                own = file.read(columns=list(dict.fromkeys((*OWN, *expected))))
+                if not isinstance(expected, dict):
+                    raise expected
+                numbers = expected[batch]
+                own = file.read(columns=list(dict.fromkeys((*OWN, *numbers))))
                 values = {name: numpy_column(own.column(name)) for name in own.column_names}
                 lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
                 unread = file.read(columns=self.metrics if lost.any() else [])
@@ -460,15 +461,19 @@ class Journal:
                 not np.isnan(numpy_column(unread.column(name))[lost]).all() for name in unread.column_names},
         }):  # fmt: skip
             return wrong
-        for name, numbers in expected.items():
-            near = np.abs(values[name] - numbers) <= _SAME * np.abs(numbers)
+        for name, column in numbers.items():
+            near = np.abs(values[name] - column) <= _SAME * np.abs(column)
             if not near.all():
                 k = int(np.argmin(near))
-                return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {numbers[k]:g}"
+                return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {column[k]:g}"
         return ""
 
-    def _schema(self, **about: str) -> Any:
-        """Arrow schema of a batch (kept signals are lists), or of the whole table, which has no kept signals."""
+    def _schema_of(self, batch: int) -> Any:
+        """Arrow schema of a batch; kept signals are lists."""
+        return self._schema.with_metadata({"campaign": self.digest, "batch": str(batch)})
+
+    @cached_property
+    def _schema(self) -> Any:
         import pyarrow as pa
 
         own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
@@ -476,17 +481,24 @@ class Journal:
         fields = [
             pa.field(c.name, own.get(c.name, pa.float64()), metadata={"kind": c.kind, "unit": c.unit})
             for c in self.columns
-            if about or c.kind != "trace"
         ]
-        return pa.schema(fields, {"campaign": self.digest, **about})
+        return pa.schema(fields)
+
+    @property
+    def _table_schema(self) -> Any:
+        """Arrow schema of the whole table, which has no kept signals."""
+        import pyarrow as pa
+
+        kept = [self._schema.field(c.name) for c in self.columns if c.kind != "trace"]
+        return pa.schema(kept, {"campaign": self.digest})
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
         batch, place = divmod(sample, self._batch)
-        for path in (self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"):
-            match = _SHARD.match(path.name)
-            if match and not self._wrong(path, batch, match[2]):
-                table = read_columns(path, self._schema().names)
+        names = sorted((self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"))
+        for path, _, wrong in self._checked(names):
+            if not wrong:
+                table = read_columns(path, self._table_schema.names)
                 columns = zip(table.column_names, table.columns)
                 return {name: numpy_column(column)[[place]].tolist()[0] for name, column in columns}
         return {}
@@ -534,6 +546,7 @@ class Journal:
             "the campaign's command again, which runs it again",
         )
         fresh = {batch: path for batch, path in there.items() if batch not in here}
+        self.clear()
         with disk_refusals(self.folder):
             for batch, path in fresh.items():
                 write_whole(self.folder / SHARDS / path.name, path.read_bytes(), _PREFIX.format(batch))
@@ -555,11 +568,12 @@ class Journal:
             f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
             "the campaign's command again, or the folders of the other shards",
         )
-        schema, path, group = self._schema(), self.folder / TABLE, []
+        schema, path, group = self._table_schema, self.folder / TABLE, []
+        read = in_threads(lambda batch: read_columns(good[batch], schema.names), range(self.batches), READERS)
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
-            with parquet.ParquetWriter(name, schema, **FORMAT) as writer:
-                for batch in range(self.batches):
-                    group.append(read_columns(good[batch], schema.names))
+            with parquet.ParquetWriter(name, schema, **TABLE_FORMAT) as writer:
+                for batch, rows in enumerate(read):
+                    group.append(rows)
                     if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:
                         writer.write_table(concat_tables(group).combine_chunks().cast(schema))
                         group.clear()

@@ -19,9 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
-from flexhinf.campaign.journal import Journal, differing, listed, numpy_column, read_columns
+from flexhinf.campaign.journal import READERS, Journal, differing, listed
 from flexhinf.campaign.metrics import COMPLETED, Requirement
+from flexhinf.campaign.parquet import numpy_column, read_columns
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.processors import in_threads
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
@@ -247,7 +249,9 @@ class MergedTable(CampaignTable):
     def trace(self, name: str) -> np.ndarray:
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
         count = min(self.journal.batches, -(-TRACED // self.journal.size(0)))
-        tables = (read_columns(self.shards[batch], [name]) for batch in range(count))
+        tables = in_threads(
+            lambda batch: self.journal.rows(self.shards[batch], [name]), range(count), READERS
+        )
         return np.concatenate([numpy_column(table.column(name)) for table in tables])[:TRACED]
 
     def dataset(self) -> xr.Dataset:

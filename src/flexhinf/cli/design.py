@@ -12,7 +12,6 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from shlex import join, quote
-from time import process_time
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -36,6 +35,7 @@ from flexhinf.cli.designs import (
     other_robot,
 )
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, specification, step_progress
+from flexhinf.copies import cpu_seconds
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name, with_value
 
@@ -81,7 +81,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
     ending = [("report", 2.5)]
-    begun, command = process_time(), reproduce_command(context)
+    begun, command = cpu_seconds(), reproduce_command(context)
 
     def written(result: fh.Design, advice: Advice | None = None) -> None:
         files = pages.design_files(result, command, request.warnings, ("design.toml",), advice)
@@ -101,7 +101,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     if o.advice and isinstance(evidence, WorkspaceEvidence) and not result.met:
         try:
             own = request.file is None and request.elastic is None and result.robot.file is not None
-            advice = _advice(context, evidence, process_time() - begun, o.out, joints=own)
+            advice = _advice(context, evidence, cpu_seconds() - begun, o.out, joints=own)
         except KeyboardInterrupt:  # the report is written, and the user has not seen it yet
             _show_design(result, folder, o, None)
             raise

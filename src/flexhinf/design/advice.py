@@ -6,7 +6,6 @@ Each is designed and judged again as the command that states it would do, so wha
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
+from flexhinf.copies import cpu_seconds
 from flexhinf.design.judgement import STANDSTILL_SHARE
 from flexhinf.design.plans import UNLIMITED
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
@@ -174,11 +174,11 @@ def advise(
     joints : bool
         Whether joints may be made rigid, which is a change of the robot's file.
     """
-    end, trials = time.process_time() + seconds, list[Trial]()
+    end, trials = cpu_seconds() + seconds, list[Trial]()
     waiting = [each for each in changes(design) if joints or not each.rigid] if design.missed else []
 
     def watch_until(limit: float, lines: Sequence[Requirement]) -> None:
-        spent = time.process_time() > limit
+        spent = cpu_seconds() > limit
         if spent or any(line.missed and not relaxable(line) for line in lines):
             raise _Ended(lines, spent)
 
@@ -188,7 +188,7 @@ def advise(
     # With other limits law and moves are mostly those of a design that is there, so these are tried at once.
     left = sorted(waiting, key=lambda each: each is not room)
     kept: Trial | None = None  # named where nothing meets all that costs less
-    while left and time.process_time() <= end:
+    while left and cpu_seconds() <= end:
         change = left[0]
         trial, other = _tried(design, change, progress, watch)
         if trial is None:  # no time for it

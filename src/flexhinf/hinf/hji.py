@@ -76,7 +76,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from numbers import Integral, Real
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -109,6 +109,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
 from flexhinf.polynomial.basis import count
+from flexhinf.processors import own_groups
 from flexhinf.validation import real_number, value_text
 
 _RATE = 4e8  # estimated operations a second, within a factor of three from a second on: 2e8 (5 states) to 1.3e9 (127)
@@ -213,23 +214,16 @@ def _free_of_groups() -> Iterator[int]:
 
     Pages of files that are kept for later count as free: the system takes them back.
     """
-    own = {2: "/", 1: "/"}
-    with suppress(OSError, ValueError):
-        for line in _OWN_GROUPS.read_text().splitlines():
-            _, controllers, path = line.split(":", 2)
-            if not controllers or "memory" in controllers.split(","):
-                own[1 if controllers else 2] = path
     names = {
-        2: (_CGROUPS, "memory.max", "memory.current", "inactive_file"),
-        1: (_CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+        2: ("memory.max", "memory.current", "inactive_file"),
+        1: ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
     }
-    for version, (root, limit, used, cached) in names.items():
-        path = PurePosixPath(own[version])
-        for group in {root / str(folder).lstrip("/") for folder in (path, *path.parents)}:
-            with suppress(OSError, ValueError):
-                most = int((group / limit).read_text())  # "max" is no limit
-                stated = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
-                yield most - int((group / used).read_text()) + int(stated.get(cached, 0))
+    for group in {*own_groups("memory", _CGROUPS, _OWN_GROUPS)}:
+        limit, used, cached = names[2 if (group / names[2][0]).exists() else 1]
+        with suppress(OSError, ValueError):
+            most = int((group / limit).read_text())  # "max" is no limit
+            stated = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+            yield most - int((group / used).read_text()) + int(stated.get(cached, 0))
 
 
 def work(n: int, k: int) -> float:

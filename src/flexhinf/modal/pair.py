@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
+from flexhinf.copies import shared_out
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import linear_law, smallest_gamma
 from flexhinf.plant import PolynomialPlant
@@ -272,7 +273,7 @@ def pair_gains(
     )
     fastest = max(low, min(high, (FOLDED / period) ** 2 - motor))
     pairs = [Pair(min(link, fastest), motor, damping, holding, gain) for link in grid]
-    rows = np.array([weights.gains(pair, period) for pair in pairs])
+    rows = np.array(shared_out(lambda pair: weights.gains(pair, period), pairs, compiles=False))
     # Stiffness and damping against the base are sums, much smaller than their parts where pairs are fast.
     rows[:, :2] += rows[:, 2:4]
     rows = np.column_stack([rows, weights.slowness(grid)])

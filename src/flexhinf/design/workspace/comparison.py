@@ -351,6 +351,6 @@ class _Search:
         where all is met."""
         goals, _ = setup.goals(TUNING_MOVES + 1, CHOSEN_SEED)
         robots = setup.true.robot.random_corners(TUNING_MOVES, CHOSEN_SEED) or [None] * TUNING_MOVES
-        moves = [setup.move(goals[k : k + 2], values, k) for k, values in enumerate(robots)]
+        moves = setup.moves([(goals[k : k + 2], values, k) for k, values in enumerate(robots)])
         lines = [line for line in move_requirements(setup, moves, "") if line.missed]
         return max((float(np.nan_to_num(missed_by(line), nan=math.inf)) for line in lines), default=1.0)

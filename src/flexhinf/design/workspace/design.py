@@ -7,10 +7,10 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
+from flexhinf.copies import shared_out
 from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import joint_limits
@@ -37,18 +37,16 @@ from flexhinf.design.workspace.samples import (
     sampled_moves,
 )
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
-from flexhinf.design.workspace.setup import CornerLoop, WorkspaceSetup
+from flexhinf.design.workspace.setup import CornerLoop, MoveArguments, WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.robot import Robot, kinematics
-from flexhinf.robot.parameters import per_joint
+from flexhinf.robot.parameters import PlantValues, per_joint
 from flexhinf.robot.signals import SENSORS, expanded, signal_names
 from flexhinf.robot.waypoints import LIMITS
 
 #: Limits by which loops and moves are judged, and which change neither; margins with which loops are computed.
 JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error", "tracking_error")
 MARGINS = ("gain_margin", "delay_margin")
-
-T = TypeVar("T")
 
 #: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
 Watch = Callable[[Sequence[Requirement]], None]
@@ -106,15 +104,22 @@ def judged_design(
     """
     s, lines = setup.specification, list[Requirement]()
 
-    def watched(items: Iterable[T]) -> Iterator[T]:
-        for item in items:
-            watch(lines)
-            yield item
+    def begun() -> None:
+        watch(lines)
+
+    def at_corners(
+        robots: Sequence[PlantValues | None], damped: bool, begun: Callable[[], None] = lambda: None
+    ) -> tuple[CornerLoop, ...]:
+        return tuple(shared_out(lambda one: setup.at_corner(*one, damped), [*zip(poses, robots)], begun))
 
     known, ran = (None, None) if like is None else _reused(like, setup, changed)
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
-    loops = known.loops if known else tuple(setup.at_pose(pose, TOLERANCE) for pose in watched(poses))
+    loops = (
+        known.loops
+        if known
+        else tuple(shared_out(lambda pose: setup.at_pose(pose, TOLERANCE), [*poses], begun))
+    )
     lines += (
         *pose_requirements(s, loops),
         *loop_requirements(setup, poses),
@@ -122,32 +127,29 @@ def judged_design(
     )
     true = setup.true.robot
     corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
-    cornered = known.corner_loops if known else tuple(map(setup.at_corner, watched(poses), corners))
+    cornered = known.corner_loops if known else at_corners(corners, True, begun)
     lines += corner_requirements(s, cornered)
     bare: tuple[tuple[CornerLoop, ...], tuple[CornerLoop, ...]] = ((), ())
     if known:
         bare = known.undamped
     elif undamped:
-        bare = (
-            tuple(setup.at_corner(pose, None, damped=False) for pose in poses),
-            tuple(setup.at_corner(*one, damped=False) for one in zip(poses, corners)),
-        )
+        bare = at_corners([None] * len(poses), False), at_corners(corners, False)
     progress(f"moves between {GOALS} goals")
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
-    nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
-    moves = ran.moves if ran else tuple(setup.move(*one) for one in watched(nominal))
+    nominal: list[MoveArguments] = [(goals[k : k + 2], None, k) for k in range(GOALS)]
+    moves = ran.moves if ran else setup.moves(nominal, begun)
     sampled, power_on = (), None
     lines += move_requirements(setup, moves, "nominal robot")
     if others := corner_moves(setup, 0, goals):
         progress("moves of sampled robots")
-        sampled = ran.sampled if ran else tuple(setup.move(*one) for one in watched(others))
+        sampled = ran.sampled if ran else setup.moves(others, begun)
         which = "robots at corners of their tolerances"
         judged = move_requirements(setup, sampled, which)
         for k, (_, *shares) in enumerate(FURTHER if s.draws is None else (), 1):
             if len(sampled) <= len(others) and not decided_by_few(judged, *shares):
                 break
             others += corner_moves(setup, k, goals)
-            sampled += tuple(setup.move(*one) for one in watched(others[len(sampled) :]))
+            sampled += setup.moves(others[len(sampled) :], begun)
             judged = move_requirements(setup, sampled, which)
         lines += judged
         power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))

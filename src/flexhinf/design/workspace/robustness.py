@@ -4,16 +4,17 @@ the errors and the stability of pairs."""
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.optimiser import bisected
+from flexhinf.copies import shared_out
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
 from flexhinf.design.workspace.proof import computed_tolerance, proved_stability
@@ -73,22 +74,37 @@ def robustness(
                 least, _ = bisected(partial(stable, k), 0.0, least, ACCURACY * abs(end), relative=False)
         return least if late else float(np.exp(least))
 
+    def undamped() -> float:
+        if max(loop.growth for loop in undamped_loops) >= 1.0:
+            return 0.0
+        return margin("late", LATEST, [setup.linear(pose, damped=False) for pose in poses])
+
     needs = setup.needs(poses, setup.robot.heaviest)
     at = np.array(setup.workspace.home)
-    undamped = 0.0
-    if max(loop.growth for loop in undamped_loops) < 1.0:
-        undamped = margin("late", LATEST, [setup.linear(pose, damped=False) for pose in poses])
-    return Robustness(
-        margin("late", LATEST, loops),
+    independent: list[Callable[[], Any]] = [  # about the longest first
+        lambda: proved_stability(setup),
         undamped,
-        margin("louder", np.log(LOUDEST), loops),
-        margin("softer", -np.log(LOUDEST), loops),
+        lambda: margin("late", LATEST, loops),
+        lambda: margin("louder", np.log(LOUDEST), loops),
+        lambda: margin("softer", -np.log(LOUDEST), loops),
+        lambda: computed_tolerance(setup),
+        lambda: fastest_vibration(setup, poses),
+        lambda: np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
+    ]
+    proved, undamped_delay, delay, louder, softer, tolerance, fastest, offsets = shared_out(
+        lambda each: each(), independent, compiles=False
+    )
+    return Robustness(
+        delay,
+        undamped_delay,
+        louder,
+        softer,
         int(np.sum(needs > HOLD)),
         int(np.sum(needs > 1.0)),
-        fastest_vibration(setup, poses),
-        computed_tolerance(setup),
-        proved_stability(setup),
-        np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
+        fastest,
+        tolerance,
+        proved,
+        offsets,
     )
 
 
@@ -148,12 +164,13 @@ def remaining_cause(setup: WorkspaceSetup, own_moves: Sequence[Move], sampled: S
     kinds = {name: quantity_of(name, setup.joints) for name in sorted(changed)}
     for kind in dict.fromkeys(kinds.values()):
         tried[kind] = {**own, **{k: setup.true.robot.nominal[k] for k in kinds if kinds[k] == kind}}, STILL
-    left = {
-        kind: float(
-            remaining_errors(setup.move(ends, setup.true.robot.plant_parameters(values), seed, dwell))[joint]
-        )
-        for kind, (values, dwell) in tried.items()
-    }
+
+    def without(kind: str) -> float:
+        values, dwell = tried[kind]
+        move = setup.move(ends, setup.true.robot.plant_parameters(values), seed, dwell)
+        return float(remaining_errors(move)[joint])
+
+    left = dict(zip(tried, shared_out(without, [*tried], compiles=False)))
     least = min(left, key=lambda kind: left[kind])
     known = np.isfinite(error) and left[least] <= MOSTLY * error
     return Cause(least if known else "", joint, error, left[least], least in kinds.values())

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import mmap
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from flexhinf.copies import shared_out
 from flexhinf.design.judgement import motion_requirements
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.judgement import missed_by
@@ -97,6 +100,10 @@ def tuned_setup(
     return faster if tolerates(faster, TOLERATED) and 1.0 < missed(chosen) > missed(faster) else chosen
 
 
+#: A pose, and values of robots at corners of their tolerances.
+Chosen = tuple[np.ndarray, Sequence[Mapping[str, Any]]]
+
+
 class ChosenPoses:
     """Some random poses by which laws are chosen, each with robots at corners of the tolerances.
 
@@ -131,21 +138,47 @@ class ChosenPoses:
     def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
         """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
         None as soon as that is no less than `least`."""
-        s, excess = self.wanted, np.zeros(4)
-        for k, (pose, others) in enumerate(self._order):
-            self._tick()
-            found = setup.at_pose(pose).excess(*pose_limits(s), s.period)
-            found[self._counted :] = 0.0
-            for corner in (None, *others):  # where the pose alone is too much, corners are not computed
-                if corner is not None:
-                    loop = setup.at_corner(pose, corner)
-                    lacking = 1.0 - loop.damping / self._corner_damping
-                    found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
-                excess = np.maximum(excess, found)
-                if least is not None and excess.tolist() >= least:
-                    self._order.insert(0, self._order.pop(k))  # the next candidate may fail here too
-                    return None
+        first, *others = self._order
+        failed = mmap.mmap(-1, 1)  # which copies of this process share
+
+        def judged(one: Chosen) -> np.ndarray | Exception:
+            if failed[0]:
+                return np.full(4, np.inf)
+            try:
+                found = self._excess_at(setup, one, least)
+            except Exception as error:
+                return error
+            failed[0] = least is not None and found.tolist() >= least
+            return found
+
+        # A pose at which a candidate failed stands first, and is tried alone: the next one may fail there too.
+        self._tick()
+        found = [judged(first)]
+        if not failed[0]:
+            found += shared_out(judged, others, self._tick, compiles=False)
+        known = {k: each for k, each in enumerate(found) if not isinstance(each, Exception)}
+        excess = np.max([np.zeros(4), *known.values()], axis=0)
+        if least is not None and excess.tolist() >= least:
+            failing = (k for k, each in known.items() if each[0] < np.inf and each.tolist() >= least)
+            self._order.insert(0, self._order.pop(next(failing, 0)))
+            return None
+        for each in found:
+            if isinstance(each, Exception):
+                raise each
         return excess
+
+    def _excess_at(self, setup: WorkspaceSetup, one: Chosen, least: list[float] | None) -> np.ndarray:
+        """What is missed at one pose, of all robots, at least 0."""
+        s, (pose, corners) = self.wanted, one
+        found = np.maximum(setup.at_pose(pose).excess(*pose_limits(s), s.period), 0.0)
+        found[self._counted :] = 0.0
+        for corner in corners:
+            if least is not None and found.tolist() >= least:
+                break  # where the pose alone is too much, corners are not computed
+            loop = setup.at_corner(pose, corner)
+            lacking = 1.0 - loop.damping / self._corner_damping
+            found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
+        return found
 
 
 def tolerates(setup: WorkspaceSetup, gain: float) -> bool:
@@ -160,9 +193,9 @@ def missed(setup: WorkspaceSetup) -> float:
     at most 1 where all is met."""
     s, limits, (goals, _) = setup.specification, setup.limits, setup.goals(TRIED_MOVES + 1, CHOSEN_SEED)
     robots = setup.true.robot.random_corners(TRIED_MOVES, CHOSEN_SEED) or [None] * TRIED_MOVES
-    motions = [setup.move(goals[k : k + 2], values).motion for k, values in enumerate(robots)]
+    moves = setup.moves([(goals[k : k + 2], values, 0) for k, values in enumerate(robots)])
     lines = [
-        line for motion in motions for line in motion_requirements(s, limits, motion, 0.0, "", rests=True)
+        line for move in moves for line in motion_requirements(s, limits, move.motion, 0.0, "", rests=True)
     ]
     return max(missed_by(line) for line in lines)
 

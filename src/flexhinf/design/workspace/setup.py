@@ -12,6 +12,7 @@ import numpy as np
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.baselines.posed_laws import PosedLaw
+from flexhinf.copies import shared_out
 from flexhinf.design.loop_setup import SMOOTH_EXTRAS, LoopPlants
 from flexhinf.design.noise_levels import RADIAN, EstimatorNoise
 from flexhinf.design.plans import (
@@ -35,7 +36,7 @@ from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypo
 from flexhinf.loop.controller.governor import HEARD
 from flexhinf.modal import ModalLaw, PairGains
 from flexhinf.robot import Robot
-from flexhinf.robot.parameters import random_signs
+from flexhinf.robot.parameters import PlantValues, random_signs
 from flexhinf.robot.workspace import Workspace
 
 #: Poses by which a law is chosen, and their seed; a ripple below which an estimator is preferred, per cent.
@@ -75,6 +76,10 @@ EXCESS, HEARD_NOISE = 1.5, 7.0
 
 #: Plans that are kept for sampled robots, which make the same moves; linear controllers that are kept, by their poses.
 PLANS, STEPS = 32, 1000
+
+
+#: Ends (2, n) of a move, parameters of the true robot (None: the nominal ones), and the seed of its noise.
+MoveArguments = tuple[np.ndarray, PlantValues | None, int]
 
 
 def pose_limits(s: Specification) -> tuple[float, float]:
@@ -507,6 +512,23 @@ class WorkspaceSetup(LoopPlants):
         loop = self.loop(self.moving_along(ends), values)
         run = loop.run(**arguments, noise=self.noise, seed=self.specification.seed + seed)
         return Move(plan, Response(run, ends[1], ends[0], self.joints), self.limits)
+
+    def moves(
+        self, runs: Sequence[MoveArguments], begun: Callable[[], None] = lambda: None
+    ) -> tuple[Move, ...]:
+        """A `move` with its metrics for each of these arguments, on all processors; `begun` as of `shared_out`."""
+
+        def judged(run: MoveArguments) -> tuple[Move, Any]:
+            ends, values, _ = run
+            move = self.move(*run)
+            _ = move.motion, move.swing if self.may_swing else None
+            return move, self._command(*map(bytes, ends))[1].last if values is None else None
+
+        found = shared_out(judged, runs, begun)
+        for (ends, *_), (_, last) in zip(runs, found):
+            if last is not None:  # sampled robots make these moves too
+                self._command(*map(bytes, ends))[1].resume(last)
+        return tuple(move for move, _ in found)
 
     @cached_property
     def moving(self) -> Controller:

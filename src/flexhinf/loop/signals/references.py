@@ -411,8 +411,17 @@ class Moving:
         """(x_d, u_d), (n + m,) at a time or (N, n + m)."""
         return np.concatenate(self._both(t), axis=-1)
 
+    @property
+    def last(self) -> Sequence[np.ndarray] | None:
+        """What it gave last, for the instants of a run: times (N,), x_d, u_d; the next robot may be commanded alike."""
+        return vars(self).get("_last")
+
+    def resume(self, last: Sequence[np.ndarray]) -> None:
+        """Go on from what the same command gave `last` in another process."""
+        object.__setattr__(self, "_last", last)
+
     def _both(self, t: Any) -> tuple[np.ndarray, np.ndarray]:
-        times, kept = np.array(t, dtype=float, ndmin=1), vars(self).get("_last")
+        times, kept = np.array(t, dtype=float, ndmin=1), self.last
         if kept is None or not np.array_equal(kept[0], times):
             motion = motion_of(self.signals, times, 4, self.names)
             parts = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))

@@ -1,0 +1,205 @@
+"""Independent work shared out among copies of this process.
+
+A copy (fork) has all that was computed before it, compiled code too: it begins at once, with the same bits. Each takes
+what comes next from one queue, as this process does. What no copy sends back, since it failed or was killed, is
+computed here, so that results and errors are those of one process.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from typing import NoReturn, TypeVar
+
+from flexhinf.processors import set_threads, thread_count
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+#: Entries of the queue at most: two bytes each, which a pipe takes at once.
+_ENTRIES = 2000
+
+#: How long this process waits for a copy after its own last item, s, and as a multiple of its own longest one.
+_PATIENCE, _LONGER = 20.0, 20.0
+
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+_copies_seconds = [0.0]
+
+
+def cpu_seconds() -> float:
+    """CPU time of this process and of its copies that ended, s."""
+    return time.process_time() + _copies_seconds[0]
+
+
+def shared_out(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    begun: Callable[[], None] = lambda: None,
+    compiles: bool = True,
+) -> list[Result]:
+    """What a function gives for each item, in their order, by as many processes as `thread_count` says.
+
+    `compiles`: The first item is done before there are copies, which then have what it compiled. `begun` is called here
+    before each item that this process does; what it raises ends all. Results of copies are pickled. One process does
+    all where the system does not copy processes safely (other than Linux, or outside of the main thread).
+    """
+    results: dict[int, Result] = {}
+
+    def compute(k: int) -> None:
+        begun()
+        results[k] = function(items[k])
+
+    if items and compiles:
+        compute(0)
+    copies = min(thread_count(), len(items) - len(results)) - 1
+    own = sys.platform == "linux" and threading.current_thread() is threading.main_thread()
+    if copies > 0 and own:
+        _with_copies(function, items, copies, begun, results)
+    for k in range(len(items)):
+        if k not in results:
+            compute(k)
+    return [results[k] for k in range(len(items))]
+
+
+def _with_copies(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    copies: int,
+    begun: Callable[[], None],
+    results: dict[int, Result],
+) -> None:
+    """Add results of the items that have none; those are left out of which a process failed, and those after them."""
+    step = -(-len(items) // _ENTRIES)
+    blocks = [range(k, min(k + step, len(items))) for k in range(len(results), len(items), step)]
+    queue, entrance = os.pipe()
+    os.write(entrance, b"".join(k.to_bytes(2, "little") for k in range(len(blocks))))
+    os.close(entrance)
+    receivers: dict[int, tuple[threading.Thread, int]] = {}
+    try:
+        for _ in range(copies):
+            out, into = os.pipe()
+            try:
+                process = _copied()
+            except OSError:  # no memory, or no more processes
+                os.close(out)
+                os.close(into)
+                break
+            if not process:
+                _be_a_copy(
+                    function, items, blocks, queue, into, [out, *(each for _, each in receivers.values())]
+                )
+            os.close(into)
+            receivers[process] = threading.Thread(target=_receive, args=(out, results), daemon=True), out
+        for thread, _ in receivers.values():
+            thread.start()
+        longest = _do_own(function, items, blocks, queue, begun, results)
+        end = time.monotonic() + max(_PATIENCE, _LONGER * longest)
+        for thread, _ in receivers.values():
+            thread.join(max(0.0, end - time.monotonic()))
+    finally:
+        os.close(queue)
+        for process, (thread, out) in receivers.items():
+            _end(process, thread, out)
+
+
+def _do_own(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    blocks: Sequence[range],
+    queue: int,
+    begun: Callable[[], None],
+    results: dict[int, Result],
+) -> float:
+    """Do items of the queue here until it is empty, or one fails; returns the longest time of one, s."""
+    longest, failed = 0.0, False
+    for block in _taken(queue, blocks):
+        for k in block:
+            if failed:  # the queue is emptied
+                continue
+            begun()
+            start = time.monotonic()
+            try:
+                results[k] = function(items[k])
+            except Exception:  # raised again by whoever does the first item that failed
+                failed = True
+            longest = max(longest, time.monotonic() - start)
+    return longest
+
+
+def _taken(queue: int, blocks: Sequence[range]) -> Iterator[range]:
+    while entry := os.read(queue, 2):
+        yield blocks[int.from_bytes(entry, "little")]
+
+
+def _copied() -> int:
+    """Fork; Ctrl-C and the like do not reach the copy before it ignores them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    process = -1
+    try:
+        with (
+            warnings.catch_warnings()
+        ):  # threads of the parent, such as one that draws a bar, do not matter here
+            warnings.simplefilter("ignore", DeprecationWarning)
+            process = os.fork()
+        if not process:
+            signal.set_wakeup_fd(-1)
+            for number in _SIGNALS:
+                signal.signal(number, signal.SIG_IGN if number == signal.SIGINT else signal.SIG_DFL)
+        return process
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _be_a_copy(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    blocks: Sequence[range],
+    queue: int,
+    into: int,
+    others: Sequence[int],
+) -> NoReturn:
+    """Do items of the queue and send their results, then end at once: nothing of the parent's is flushed or closed."""
+    try:
+        gc.freeze()  # what the parent left is not finalised here
+        set_threads(1)
+        for other in others:  # if the parent is killed, nobody reads any more
+            os.close(other)
+        with open(into, "wb") as out:
+            for block in _taken(queue, blocks):
+                for k in block:
+                    pickle.dump((k, function(items[k])), out, pickle.HIGHEST_PROTOCOL)
+                out.flush()
+    except BaseException:  # the parent does what is missing, and raises what it raises
+        os._exit(1)
+    finally:
+        os._exit(0)
+
+
+def _receive(out: int, results: dict[int, Result]) -> None:
+    with open(out, "rb") as file, suppress(Exception):  # the end, or that of a copy that was killed
+        while True:
+            k, result = pickle.load(file)
+            results[k] = result
+
+
+def _end(process: int, thread: threading.Thread, out: int) -> None:
+    """End a copy if it lives, which its open pipe says, and count its CPU time."""
+    begun = thread.ident is not None
+    with suppress(ProcessLookupError, ChildProcessError):
+        if thread.is_alive() or not begun:
+            os.kill(process, signal.SIGKILL)
+        usage = os.wait4(process, 0)[2]
+        _copies_seconds[0] += usage.ru_utime + usage.ru_stime
+    if begun:
+        thread.join()
+    else:
+        os.close(out)

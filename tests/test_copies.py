@@ -1,0 +1,110 @@
+"""Work that is shared out among copies of the process has the results and errors of one process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexhinf.copies import cpu_seconds, shared_out
+from flexhinf.processors import limited_threads
+
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/fd").exists(), reason="processes are copied on Linux alone"
+)
+
+OWN = os.getpid()
+
+
+def open_files() -> int:
+    return len(os.listdir("/proc/self/fd"))
+
+
+def no_child_is_left() -> bool:
+    try:
+        os.waitpid(-1, os.WNOHANG)
+    except ChildProcessError:
+        return True
+    return False
+
+
+def answered(k: int) -> tuple[int, np.ndarray]:
+    return os.getpid(), np.random.default_rng(k).normal(size=100_000)
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_results_stand_in_order_with_the_same_bits(workers: int):
+    expected, before = [answered(k)[1] for k in range(9)], open_files()
+    with limited_threads(workers):
+        found = shared_out(answered, range(9))
+    for (_, numbers), other in zip(found, expected):
+        np.testing.assert_array_equal(numbers, other)
+    assert found[0][0] == OWN
+    assert open_files() == before
+    assert no_child_is_left()
+
+
+def test_the_error_is_that_of_the_first_item_that_fails():
+    def failing(k: int) -> int:
+        if k in (5, 6, 20):
+            raise ValueError(k)
+        return k
+
+    for workers in (1, 2):
+        with limited_threads(workers), pytest.raises(ValueError, match="5"):
+            shared_out(failing, range(30))
+    assert no_child_is_left()
+
+
+def test_what_a_copy_does_not_send_is_computed_here():
+    def deadly(k: int) -> int:
+        if os.getpid() != OWN:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return k * k
+
+    def unpicklable(k: int) -> Callable[[], int]:
+        return lambda: k
+
+    with limited_threads(3):
+        assert shared_out(deadly, range(20), compiles=False) == [k * k for k in range(20)]
+        assert [each() for each in shared_out(unpicklable, range(20))] == [*range(20)]
+
+
+def test_an_interruption_ends_the_copies():
+    begun, before = [0], open_files()
+
+    def begin() -> None:
+        begun[0] += 1
+        if begun[0] == 3:
+            raise KeyboardInterrupt
+
+    with limited_threads(2), pytest.raises(KeyboardInterrupt):
+        shared_out(answered, range(100), begin)
+    assert open_files() == before
+    assert no_child_is_left()
+
+
+def test_the_time_of_copies_counts():
+    """This process waits in its first item until a copy has done one."""
+    inlet, outlet = os.pipe()
+
+    def busy(k: int) -> int:
+        if os.getpid() == OWN:
+            return len(os.read(inlet, 1))
+        end = time.process_time() + 0.02
+        while time.process_time() < end:
+            pass
+        os.write(outlet, b"." * 3)
+        return 1
+
+    before, own = cpu_seconds(), time.process_time()
+    with limited_threads(2):
+        assert shared_out(busy, range(3), compiles=False) == [1, 1, 1]
+    os.close(inlet)
+    os.close(outlet)
+    assert cpu_seconds() - before - (time.process_time() - own) >= 0.02
