@@ -24,8 +24,8 @@ from flexhinf import report
 from flexhinf.campaign import METHODS, Journal, run_batch
 from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
-from flexhinf.campaign.parquet import read_columns
 from flexhinf.campaign.manifest import read_sealed, sealed
+from flexhinf.campaign.parquet import read_columns
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
 from flexhinf.design.design_file import meant_file, read_request

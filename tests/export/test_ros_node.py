@@ -362,7 +362,7 @@ def test_arguments_of_ros_state_parameters_and_one_of_another_type_is_refused(
     arm = Arm()
     server = TrajectoryServer(workspace_controller(), arm.robot, arm)
     monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_time:=1"])
-    with refused_with(InvalidInput, "stop_time", "expected a number with a point", "stop_time:=0.5"):
+    with refused_with(InvalidInput, "stop_time", "point", "stop_time:=0.5"):
         RosNode(server, "arm")
     monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_time:=0.3"])
     with RosNode(server, "arm"):

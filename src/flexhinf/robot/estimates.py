@@ -62,7 +62,7 @@ class EstimatedJoint:
 def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     """Estimates for the joints of an arm, by their names."""
     weights = largest_weight(arm)
-    equal = has_one_torque_for_all(arm, weights)
+    equal = has_placeholder_effort(arm, weights)
     joints = {}
     for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, weights.tolist()):
         known = bool(effort <= PLACEHOLDER * weight) and not equal
@@ -71,7 +71,7 @@ def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     return joints
 
 
-def has_one_torque_for_all(arm: RigidArm, weights: np.ndarray) -> bool:
+def has_placeholder_effort(arm: RigidArm, weights: np.ndarray) -> bool:
     """Whether all joints state one torque of which `weights` (n,), N·m (N), ask for `LEAST_SHARE` nowhere."""
     efforts = np.array(arm.efforts, dtype=float)
     same = len(efforts) > 1 and bool((efforts == efforts[0]).all()) and np.isfinite(efforts[0])

@@ -15,7 +15,7 @@ from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
-from flexhinf.robot.estimates import has_one_torque_for_all, largest_weight
+from flexhinf.robot.estimates import has_placeholder_effort, largest_weight
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import description_of
@@ -147,7 +147,7 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             numbers="expected <limit effort> greater than 0, got none, 0, −1 or a number that stands for none",
             advice="effort_limit in [[joint]] of the robot file",
         )
-    elif has_one_torque_for_all(arm, weights := largest_weight(arm)):
+    elif has_placeholder_effort(arm, weights := largest_weight(arm)):
         result.add(
             "doubt",
             "All joints state one torque, and none needs a thirtieth of it.",
