@@ -65,6 +65,7 @@ FOLLOWED = {
         Step("campaign/batches.py", "run_batch", "with others, anywhere"),
         Step("campaign/driver.py", "in_this_process", "with its batch", "Rows"),
         Step("campaign/journal.py", "Journal.write", "a row on disk"),
+        Step("campaign/driver.py", "_written", "while others run"),
         Step("campaign/driver.py", "drive", "all of them"),
         Step("campaign/results.py", "merged", "one table", "MergedTable"),
         Step("campaign/results.py", "CampaignJudgement", "counted"),

@@ -28,7 +28,7 @@ from flexhinf.design.specification import REMAINING_ERROR, Specification
 from flexhinf.loop import Supervision
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
-from flexhinf.robot.drive_limits import command_changes
+from flexhinf.robot.command_limits import command_changes
 
 #: Largest amplitude of a link at rest, with dry friction and noise, in parts of the remaining error that is allowed.
 STANDSTILL_SHARE = 0.25

@@ -19,7 +19,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Backlash, Controller, DryFriction, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
-from flexhinf.robot.drive_limits import check_commands, command_limits, command_shares, largest_drive_torques
+from flexhinf.robot.command_limits import check_commands, command_limits, command_shares
+from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.springs import DAMPED, DAMPING
 from flexhinf.robot.waypoints import WaypointError, WaypointTable

@@ -24,7 +24,8 @@ from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot, elastic, kinematics, signals
-from flexhinf.robot.drive_limits import command_changes, command_limits, per_second
+from flexhinf.robot.command_limits import command_changes, command_limits
+from flexhinf.robot.drive_limits import per_second
 
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01

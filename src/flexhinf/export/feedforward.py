@@ -19,7 +19,7 @@ from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
 from flexhinf.export.rendering import arithmetic, markdown
-from flexhinf.robot.drive_limits import command_limits, command_shares
+from flexhinf.robot.command_limits import command_limits, command_shares
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.signals import UNITS

@@ -27,7 +27,7 @@ from flexhinf.loop import Waypoints
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
-from flexhinf.robot.drive_limits import command_shares
+from flexhinf.robot.command_limits import command_shares
 from flexhinf.validation import checked_positive, one_of, real_array
 
 #: Where a joint has no limits: rad or m to each side of the home, and rad/s or m/s.

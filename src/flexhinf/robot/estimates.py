@@ -39,7 +39,7 @@ STIFFNESS_TOLERANCE, INERTIA_TOLERANCE, FRICTION_TOLERANCE = 50.0, 50.0, 80.0
 PLACEHOLDER = 1e5
 
 #: One torque of all joints, of which none asks for more than this share, is a placeholder too.
-LEAST_SHARE = 1.0 / 30.0
+SMALLEST_SHARE = 1.0 / 30.0
 
 #: Poses at which the weight is looked at, and their seed; the range of a joint without one, rad or m.
 POSES, SEED, RANGE = 200, 0, np.pi
@@ -72,10 +72,10 @@ def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
 
 
 def has_placeholder_effort(arm: RigidArm, weights: np.ndarray) -> bool:
-    """Whether all joints state one torque of which `weights` (n,), N·m (N), ask for `LEAST_SHARE` nowhere."""
+    """Whether all joints state one torque of which `weights` (n,), N·m (N), ask for `SMALLEST_SHARE` nowhere."""
     efforts = np.array(arm.efforts, dtype=float)
     same = len(efforts) > 1 and bool((efforts == efforts[0]).all()) and np.isfinite(efforts[0])
-    return bool(same and weights.max() < LEAST_SHARE * efforts[0])
+    return bool(same and weights.max() < SMALLEST_SHARE * efforts[0])
 
 
 def estimated_joint(effort: float, stated: bool, speed: float, slides: bool) -> EstimatedJoint:

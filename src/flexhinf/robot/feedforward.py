@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Matrix
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.drive_limits import check_commands
+from flexhinf.robot.command_limits import check_commands
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_array, checked_positive
