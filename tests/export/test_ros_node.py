@@ -369,6 +369,42 @@ def test_arguments_of_ros_state_parameters_and_one_of_another_type_is_refused(
         assert server.follower.stop_time == pytest.approx(0.3)
 
 
+def test_a_topic_scales_the_speed(
+    follower: CompiledFollower, action: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In percent, as broadcasters of drivers publish it; nothing moves before the first message."""
+    monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "speed_scaling_factor:=0.0"])
+    arm = Arm()
+    server = TrajectoryServer(workspace_controller(), arm.robot, arm)
+    with refused_with(InvalidInput, "speed scaling", "above 0", "speed_scaling_factor:=0.01"):
+        RosNode(server, "arm")
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "speed_scaling_topic:='a topic'"])
+    with refused_with(InvalidInput, "a topic", "speed_scaling_topic:="):
+        RosNode(server, "arm")
+    assert server.speed == 1.0
+    stated = ("-p", "speed_scaling_topic:=/scaling", "-p", "speed_scaling_factor:=0.01")
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", *stated])
+    one = Served(action)
+    try:
+        scaling = one.client.node.create_publisher(message("std_msgs", "Float64"), "/scaling", 10)
+        handle = one.client.send(one.client.trajectory(*MOVE))
+        one.run(300)
+        one.at(START)
+        scaling.publish(message("std_msgs", "Float64")(data=50.0))
+        assert until(one, lambda: one.server.speed == 0.5)
+        one.run(1100)
+        assert not handle.get_result_async().done()
+        one.run(LONGEST)
+        assert outcome(handle)[:2] == (SUCCEEDED, 0)
+        ((done, why),) = set_parameters(one, speed_scaling_topic="/other")
+        assert not done
+        assert unnamed(why, "speed_scaling_topic", "-p") == []
+    finally:
+        one.end()
+        one.client.close()
+
+
 def test_a_run_ends_with_its_duration_and_lets_go(
     follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch
 ) -> None:

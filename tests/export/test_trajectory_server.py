@@ -87,7 +87,8 @@ class ServedArm:
         assert name == "goal_handle"
         return self.number
 
-    def run(self, samples: int) -> ServedArm:
+    def run(self, samples: int, speed: float = 1.0) -> ServedArm:
+        self.server.speed = speed
         for _ in range(samples):
             self.server.sample()
             self.measured.append(self.arm.plant.state()[:2])
@@ -131,6 +132,7 @@ def make(follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch) -> Callabl
     def made(**other: Any) -> ServedArm:
         # parameters of the plugin are those of the follower
         own = {"stop_time", "cmd_timeout", "allow_partial_joints_goal"} & other.keys()
+        other.pop("speed_scaling_interface", None)  # an attribute
         names = {"cmd_timeout": "timeout", "allow_partial_joints_goal": "partial"}
         for name in own:
             monkeypatch.setattr(one.follower, names.get(name, name), other.pop(name))
@@ -141,7 +143,7 @@ def make(follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch) -> Callabl
 
 #: Rows of the table that are about parameters, lifecycle and topics of ros2_control.
 OTHER = {
-    "path tolerance", "path tolerance 0", "path tolerance −1", "speed scaling", "fault in mid-move",
+    "path tolerance", "path tolerance 0", "path tolerance −1", "fault in mid-move",
     "deactivated, then active at another pose", "not active", "topic", "empty trajectory on the topic",
 }  # fmt: skip
 ROWS = [case for case in CASES if case.name not in OTHER]
@@ -216,6 +218,20 @@ def test_a_late_cancel_leaves_the_goal_after_it_alone(make: Any) -> None:
     one.server.cancel(first)
     one.run(LONGEST)
     assert one.ended() == ("succeeded", 0)
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+
+
+def test_a_speed_that_is_no_number_stops_the_arm_until_there_is_one(make: Any) -> None:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(400).run(1500, speed=math.nan)
+    assert one.ended() == ("followed", None)
+    assert one.desired[-1][2:] == [0.0, 0.0]
+    assert not np.allclose(one.measured[-1], GOAL, atol=0.05)
+    one.run(LONGEST)
+    assert one.ended() == ("succeeded", 0)
+    one.is_smooth()
     np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
 
 

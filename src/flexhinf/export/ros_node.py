@@ -2,7 +2,7 @@
 
 It publishes `sensor_msgs/JointState` on ``joint_states`` and takes `trajectory_msgs/JointTrajectory` on
 ``~/joint_trajectory``; where control_msgs is installed, also goals of `FollowJointTrajectory` as
-``~/follow_joint_trajectory``. Names and answers are those of the plugin for ros2_control.
+``~/follow_joint_trajectory``. A topic may scale its speed. Names and answers are those of the plugin for ros2_control.
 """
 
 # Not checked strictly: rclpy and its messages have no types that are known here.
@@ -11,9 +11,10 @@ It publishes `sensor_msgs/JointState` on ``joint_states`` and takes `trajectory_
 from __future__ import annotations
 
 import gc
+import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -23,7 +24,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.names import identifier_of
 from flexhinf.export.realtime import stopping, undisturbed, wait_until
-from flexhinf.export.ros_parameters import goal_options, goal_parameters
+from flexhinf.export.ros_parameters import AT_START, check_at_start, goal_options, goal_parameters
 from flexhinf.export.trajectory_server import LONGEST_UNSEEN, GoalEnd, RobotIO, TrajectoryServer
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
@@ -51,7 +52,7 @@ def ros_packages() -> dict[str, Any]:
     """Modules of ROS 2 by name, refused before any work where they are missing; without an action where that is."""
     names = (
         "rclpy", "rclpy.action", "rclpy.context", "rclpy.exceptions", "rclpy.executors", "rclpy.node",
-        "rcl_interfaces.msg", "sensor_msgs.msg", "trajectory_msgs.msg",
+        "rcl_interfaces.msg", "sensor_msgs.msg", "std_msgs.msg", "trajectory_msgs.msg",
     )  # fmt: skip
     found = {
         name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
@@ -142,6 +143,8 @@ class RosNode:
         ``control_msgs.action.FollowJointTrajectory``; by default it is looked for, and left out where it is missing.
 
     Tolerances and times of goals that state none are parameters of the node, with names of the plugin for ros2_control.
+    With ``speed_scaling_topic``, a trajectory is followed with the fraction of its speed that `std_msgs/Float64` there
+    states, times ``speed_scaling_factor``; before the first message, and for what is no number, it stands still.
 
     Raises InvalidInput: without rclpy, sensor_msgs or trajectory_msgs; for parameters that do not fit.
     """
@@ -160,6 +163,7 @@ class RosNode:
         self.node = ros["rclpy.node"].Node(name, context=self.context)
         try:
             self._declare()
+            self._scale_by(self._scaling["speed_scaling_topic"])
         except InvalidInput:
             self.node.destroy_node()
             ros["rclpy"].shutdown(context=self.context)
@@ -182,26 +186,54 @@ class RosNode:
         self._thread = threading.Thread(target=self._spin, daemon=True)
 
     def _declare(self) -> None:
-        """Parameters of goals, which a file or an argument of ROS may state; later values are checked as they come."""
-        self._parameters = goal_parameters(self.server.follower)
-        for name, value in self._parameters.items():
-            try:
-                self._parameters[name] = self.node.declare_parameter(name, value).value
-            except self._ros["rclpy.exceptions"].InvalidParameterTypeException as error:
-                kind = "true or false" if isinstance(value, bool) else "a number with a point"
-                advice = f"{name}:={str(value).lower()}"
-                raise InvalidInput(
-                    f"The parameter {name} is of another type.", f"expected {kind}, {error}", advice
-                ) from error
+        """Parameters, which a file or an argument of ROS may state; later values are checked as they come."""
+        self._parameters = self._stated(goal_parameters(self.server.follower))
+        self._scaling = self._stated(AT_START)
+        check_at_start(self._scaling)
         refused = self.server.change(goal_options(self.server.follower, self._parameters))
         if refused:
             raise InvalidInput("The parameters of goals cannot be set.", refused, "a server without goals")
         self.node.add_on_set_parameters_callback(self._set)
 
+    def _scale_by(self, topic: str) -> None:
+        """Follow with the speed that a topic states, which is none before its first message; "": with the whole."""
+        if not topic:
+            return
+        kind = self._ros["std_msgs.msg"].Float64
+        try:
+            self.node.create_subscription(kind, topic, self._scale, DEPTH)
+        except (ValueError, self._ros["rclpy.exceptions"].NameValidationException) as error:
+            raise InvalidInput(
+                "The topic of the speed scaling cannot be.",
+                f"expected a name of ROS 2, got {topic!r}: {error}",
+                "speed_scaling_topic:=/speed_scaling_state_broadcaster/speed_scaling",
+            ) from error
+        self.server.speed = math.nan
+
+    def _stated(self, usual: Mapping[str, Any]) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for name, value in usual.items():
+            try:
+                values[name] = self.node.declare_parameter(name, value).value
+            except self._ros["rclpy.exceptions"].InvalidParameterTypeException as error:
+                kinds = {bool: "true or false", str: "a text", float: "a number with a point"}
+                advice = f"{name}:={str(value).lower() or 'TOPIC'}"
+                raise InvalidInput(
+                    f"The parameter {name} is of another type.",
+                    f"expected {kinds[type(value)]}, {error}",
+                    advice,
+                ) from error
+        return values
+
     def _set(self, changed: Sequence[Any]) -> Any:
         values = self._parameters | {one.name: one.value for one in changed if one.name in self._parameters}
+        late = [one.name for one in changed if one.name in AT_START]
         try:
-            refused = self.server.change(goal_options(self.server.follower, values))
+            refused = (
+                f"{late[0]} is read when the node begins: start it with -p {late[0]}:=VALUE"
+                if late
+                else self.server.change(goal_options(self.server.follower, values))
+            )
         except InvalidInput as error:
             refused = str(error)
         if not refused:
@@ -303,6 +335,9 @@ class RosNode:
             self.node.get_logger().warning(f"a trajectory is ignored: {why}")
         else:
             self.server.submit(goal)
+
+    def _scale(self, message: Any) -> None:
+        self.server.speed = self._scaling["speed_scaling_factor"] * message.data
 
     def _wanted(self, request: Any) -> FollowGoal:
         tolerances = request.path_tolerance, request.goal_tolerance

@@ -1,9 +1,11 @@
-"""Parameters of a ROS 2 node for goals that state less, with names of the plugin for ros2_control."""
+"""Parameters of a ROS 2 node, with names of the plugin for ros2_control where that has the same."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.robot.follower import STOPPED, Follower
@@ -13,6 +15,10 @@ ANY = 1e9
 
 #: Longest stop time, s.
 LONGEST_STOP = 1e6
+
+#: What a node reads when it begins: a topic with the fraction of its speed with which a trajectory is followed, where
+#: there is one, and the factor from its numbers to the fraction.
+AT_START: dict[str, bool | float | str] = {"speed_scaling_topic": "", "speed_scaling_factor": 1.0}
 
 
 def goal_parameters(follower: Follower) -> dict[str, bool | float]:
@@ -51,3 +57,14 @@ def goal_options(follower: Follower, values: Mapping[str, Any]) -> dict[str, Any
         # as in joint_trajectory_controller
         "timeout": 0.0 if 0.0 <= timeout <= late else timeout,
     }
+
+
+def check_at_start(values: Mapping[str, Any]) -> None:
+    """Refuse values of `AT_START` that do not fit."""
+    factor = float(values["speed_scaling_factor"])
+    refuse_if(
+        not 0.0 < factor < np.inf,
+        "The factor of the speed scaling does not fit.",
+        f"expected a number above 0, got {factor!r}",
+        "speed_scaling_factor:=0.01, for a topic with percent",
+    )

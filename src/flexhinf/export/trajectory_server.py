@@ -106,6 +106,9 @@ class TrajectoryServer:
         Of the last sample.
     stopped : str
         Why the robot was stopped; empty while it is not.
+    speed : float
+        Fraction of its speed with which a trajectory is followed, 0 to 1; what is no number stops it. It may be set
+        from any thread.
 
     Raises InvalidInput: for a controller that follows no trajectories, a library of another one, without a C compiler,
     or where the pose is neither stated nor measured.
@@ -138,7 +141,7 @@ class TrajectoryServer:
         self._u, self._unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
         none = np.zeros(len(robot.joint_names))
         self.motion, self.stopped, self.samples = ArmMotion(q, none, q, none), "", 0
-        self._is_released = False
+        self._is_released, self.speed = False, 1.0
 
     # Goals, from any thread ----------------------------------------------------------------------------
     def refusal(self, goal: FollowGoal) -> str:
@@ -250,7 +253,7 @@ class TrajectoryServer:
 
     def _step(self, y: Vector | None, elapsed: float) -> None:
         actual, actual_velocity = self.motion[2:]
-        followed = self._follower.step(actual, actual_velocity, 1.0, self._stepped.path_rate)
+        followed = self._follower.step(actual, actual_velocity, self.speed, self._stepped.path_rate)
         self._judge(followed.result)
         if not self._follower.waits and self._pending:
             self._in_use, self._pending = self._pending, 0
