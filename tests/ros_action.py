@@ -1,6 +1,6 @@
-"""control_msgs/FollowJointTrajectory, generated where the package index has ROS 2 without it.
+"""Types of control_msgs and std_srvs, generated where the package index has ROS 2 without them.
 
-The definition is that of its published interface; rosidl's generators make the Python module and its libraries.
+The definitions are those of the published interfaces; rosidl's generators make the Python module and its libraries.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-NAMES = ("action/FollowJointTrajectory.action", "msg/JointTolerance.msg")
-
+#: Of each package.
 DEFINITIONS = {
-    NAMES[0]: """
+    "control_msgs": {
+        "action/FollowJointTrajectory.action": """
         trajectory_msgs/JointTrajectory trajectory
         JointTolerance[] path_tolerance
         JointTolerance[] goal_tolerance
@@ -35,12 +35,20 @@ DEFINITIONS = {
         trajectory_msgs/JointTrajectoryPoint actual
         trajectory_msgs/JointTrajectoryPoint error
         """,
-    NAMES[1]: """
+        "msg/JointTolerance.msg": """
         string name
         float64 position
         float64 velocity
         float64 acceleration
         """,
+    },
+    "std_srvs": {
+        "srv/Trigger.srv": """
+        ---
+        bool success
+        string message
+        """,
+    },
 }
 
 #: The command of rosidl, which refuses wheels that state their entry points twice.
@@ -72,18 +80,28 @@ LIBRARIES = {
 
 def action_type(folder: Path) -> Any:
     """The type of the action: that of control_msgs, or one generated in `folder`; skips where it cannot be."""
+    return _type(folder, "control_msgs", "action", "FollowJointTrajectory")
+
+
+def trigger_type(folder: Path) -> Any:
+    """The type of a service, `std_srvs/Trigger`; likewise."""
+    return _type(folder, "std_srvs", "srv", "Trigger")
+
+
+def _type(folder: Path, package: str, kind: str, name: str) -> Any:
     try:
-        return import_module("control_msgs.action").FollowJointTrajectory
+        return getattr(import_module(f"{package}.{kind}"), name)
     except ImportError:
         pass
     for module in ("rosidl_cli", "catkin_pkg"):
-        pytest.importorskip(module, reason=f"not in the locks: {module}, which generates an action of ROS 2")
-    return _generated(folder)
+        pytest.importorskip(module, reason=f"not in the locks: {module}, which generates types of ROS 2")
+    _generate(folder, package)
+    return getattr(import_module(f"{package}.{kind}"), name)
 
 
-def _generated(folder: Path) -> Any:
-    package, made = folder / "control_msgs", folder / "made"
-    for name, text in DEFINITIONS.items():
+def _generate(folder: Path, name_of: str) -> None:
+    package, made = folder / name_of, folder / "made"
+    for name, text in DEFINITIONS[name_of].items():
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text("\n".join(line.strip() for line in text.strip().splitlines()) + "\n")
     prefix = next(
@@ -105,7 +123,7 @@ def _generated(folder: Path) -> Any:
             str(prefix / "share"),
         ]
         done = subprocess.run(
-            [*words, "control_msgs", *NAMES],
+            [*words, name_of, *DEFINITIONS[name_of]],
             cwd=package,
             env=settings,
             capture_output=True,
@@ -113,17 +131,17 @@ def _generated(folder: Path) -> Any:
             check=False,
         )
         assert done.returncode == 0, done.stderr
-    return _compiled(folder, made, prefix)
+    _compile(folder, name_of, made, prefix)
 
 
-def _compiled(folder: Path, made: Path, prefix: Path) -> Any:
+def _compile(folder: Path, name_of: str, made: Path, prefix: Path) -> None:
     includes = folder / "include"
     includes.mkdir()
     headers = [made / name for name in ("c", "fastrtps_c", "introspection_c")]
-    (includes / "control_msgs").mkdir()
+    (includes / name_of).mkdir()
     for place in headers:
         for file in place.rglob("*.h"):
-            target = includes / "control_msgs" / file.relative_to(place)
+            target = includes / name_of / file.relative_to(place)
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(file.read_text())
     found = [includes, prefix / "include", sysconfig.get_paths()["include"], np.get_include()]
@@ -143,23 +161,22 @@ def _compiled(folder: Path, made: Path, prefix: Path) -> Any:
     linked = [f"-l{name}" for name in (*names, *RUNTIME) if (libraries / f"lib{name}.so").is_file()]
     before: list[str] = []
     for name, (place, pattern) in LIBRARIES.items():
-        library = folder / f"libcontrol_msgs__{name}.so"
+        library = folder / f"lib{name_of}__{name}.so"
         sources = sorted((made / place).glob(pattern))
         compiler = "g++" if pattern.endswith("cpp") else "gcc"
         _run([compiler, *common, *sources, *before, *linked, f"-Wl,-soname,{library.name}", "-o", library])
         ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
-        before.append(f"-lcontrol_msgs__{name}")
-    package = folder / "python" / "control_msgs"
+        before.append(f"-l{name_of}__{name}")
+    package = folder / "python" / name_of
     for file in [*(made / "py").rglob("*.py")]:
         target = package / file.relative_to(made / "py")
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(file.read_text())
     (package / "__init__.py").touch()
-    sources = [*(made / "py").glob("*/*_s.c"), made / "py" / "_control_msgs_s.ep.rosidl_typesupport_c.c"]
-    extension = f"control_msgs_s__rosidl_typesupport_c{sysconfig.get_config_var('EXT_SUFFIX')}"
+    sources = [*(made / "py").glob("*/*_s.c"), made / "py" / f"_{name_of}_s.ep.rosidl_typesupport_c.c"]
+    extension = f"{name_of}_s__rosidl_typesupport_c{sysconfig.get_config_var('EXT_SUFFIX')}"
     _run(["gcc", *common, *sources, *before, *linked, "-o", package / extension])
     sys.path.insert(0, str(package.parent))
-    return import_module("control_msgs.action").FollowJointTrajectory
 
 
 def _run(words: list[Any]) -> None:

@@ -19,10 +19,10 @@ from tests.export.test_ros2 import flat, workspace_controller
 from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.export.test_trajectory_server import Arm
 from tests.refusals import refused_with, unnamed
-from tests.ros_action import action_type
+from tests.ros_action import action_type, trigger_type
 
 from flexhinf.errors import InvalidInput
-from flexhinf.export import trajectory_server
+from flexhinf.export import ros_node, trajectory_server
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.rendering import render_c
@@ -62,6 +62,11 @@ def follower() -> CompiledFollower:
 @pytest.fixture(scope="module")
 def action(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return action_type(tmp_path_factory.mktemp("control_msgs"))
+
+
+@pytest.fixture(scope="module")
+def trigger(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return trigger_type(tmp_path_factory.mktemp("std_srvs"))
 
 
 def settled(future: Any) -> Any:
@@ -144,10 +149,10 @@ class Client:
 class Served:
     """An arm, its node, and a client."""
 
-    def __init__(self, action: Any) -> None:
+    def __init__(self, action: Any, trigger: Any = None) -> None:
         self.arm = Arm()
         self.server = TrajectoryServer(workspace_controller(), self.arm.robot, self.arm)
-        self.node = RosNode(self.server, "arm", action=action)
+        self.node = RosNode(self.server, "arm", action=action, trigger=trigger)
         self.node.__enter__()
         self.client = Client(action, "arm")
         self.is_open = True
@@ -369,6 +374,13 @@ def test_arguments_of_ros_state_parameters_and_one_of_another_type_is_refused(
         assert server.follower.stop_time == pytest.approx(0.3)
 
 
+def finished(served: Served, handle: Any) -> tuple[int, int, str]:
+    """How a goal ends, however late it is begun."""
+    done = handle.get_result_async()
+    assert until(served, done.done)
+    return outcome(handle, done)
+
+
 def test_a_topic_scales_the_speed(
     follower: CompiledFollower, action: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -395,14 +407,72 @@ def test_a_topic_scales_the_speed(
         assert until(one, lambda: one.server.speed == 0.5)
         one.run(1100)
         assert not handle.get_result_async().done()
-        one.run(LONGEST)
-        assert outcome(handle)[:2] == (SUCCEEDED, 0)
+        assert finished(one, handle)[:2] == (SUCCEEDED, 0)
         ((done, why),) = set_parameters(one, speed_scaling_topic="/other")
         assert not done
         assert unnamed(why, "speed_scaling_topic", "-p") == []
     finally:
         one.end()
         one.client.close()
+
+
+def test_the_arm_begins_again_after_a_fault(
+    follower: CompiledFollower, action: Any, trigger: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its inputs fell to 0 along the ramp that a parameter states; a call before or amid that is refused."""
+    monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_ramp:=0.02"])
+    one = Served(action, trigger)
+    calls = one.client.node.create_client(trigger, "arm/restart")
+
+    def call() -> tuple[bool, str]:
+        future = calls.call_async(trigger.Request())
+        assert until(one, future.done)
+        return future.result().success, future.result().message
+
+    try:
+        assert calls.wait_for_service(PATIENCE)
+        success, why = call()
+        assert not success
+        assert unnamed(why, "stopped") == []
+        handle = one.client.send(one.client.trajectory(*MOVE))
+        one.run(300)
+        one.arm.unplugged = [2]
+        assert until(one, lambda: bool(one.server.stopped))
+        assert np.abs(one.arm.inputs[-1]).min() > 0.0
+        one.run(20)
+        assert outcome(handle)[:2] == (ABORTED, -4)
+        assert not np.any(one.arm.inputs[-1])
+        one.arm.unplugged = []
+        one.arm.plant.reset(one.arm.robot.operating_point(START)[0])
+        assert call()[0]
+        handle = one.client.send(one.client.trajectory(*MOVE))
+        assert finished(one, handle)[:2] == (SUCCEEDED, 0)
+        one.at(GOAL)
+    finally:
+        one.end()
+        one.client.close()
+
+
+@pytest.mark.parametrize("serves", [False, True])
+def test_a_run_after_a_fault_waits_where_it_can_begin_again(
+    serves: bool, follower: CompiledFollower, trigger: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
+    packages = ros_node.ros_packages
+    monkeypatch.setattr(
+        ros_node, "ros_packages", lambda: {**packages(), "trigger": trigger if serves else None}
+    )
+    arm = Arm()
+
+    def unplug(node: RosNode) -> None:
+        assert node.can_restart is serves
+        arm.unplugged = [3]
+
+    run = run_ros(workspace_controller(), arm.robot, arm, duration=0.1, real_time=False, ready=unplug)
+    assert (run.samples, run.ended_by) == (10, None)
+    assert "motor_position_elbow" in run.stopped
+    assert len(arm.inputs) == (100 if serves else 11)
 
 
 def test_a_run_ends_with_its_duration_and_lets_go(

@@ -237,7 +237,7 @@ def test_a_speed_that_is_no_number_stops_the_arm_until_there_is_one(make: Any) -
 
 @pytest.mark.parametrize("unplugged", [[3], [0, 1, 2, 3]])
 def test_an_encoder_whose_plug_is_pulled_stops_the_arm(unplugged: list[int], make: Any) -> None:
-    """After ten samples, with inputs of 0, once; the goal says why, and later ones are refused."""
+    """After ten samples, with inputs of 0; the goal says why, and later ones are refused."""
     one = make()
     one.goal(*MOVE)
     assert one.accepted()
@@ -248,13 +248,46 @@ def test_an_encoder_whose_plug_is_pulled_stops_the_arm(unplugged: list[int], mak
     before = len(one.arm.inputs)
     assert np.abs(one.arm.inputs[-1]).min() > 0.0
     one.run(5)
-    assert len(one.arm.inputs) == before + 1
-    assert np.array_equal(one.arm.inputs[-1], [0.0, 0.0])
+    assert not np.any(one.arm.inputs[before:])
     assert one.ended() == ("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)
     assert unnamed(one.texts[one.number], one.server.measured[unplugged[0]], "10") == []
     assert not one.accepted()
     one.server.submit(one.prepared)
     assert one.server.ends()[0].code is FollowCode.PATH_TOLERANCE_VIOLATED
+
+
+def test_inputs_fall_along_the_ramp_and_the_arm_begins_again_at_rest(make: Any) -> None:
+    """As the plugin's after a fault, and as its next activation; a motor that is unplugged stops it again."""
+    one = make()
+    one.server.stop_ramp = 0.05
+    assert one.server.restart()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(400)
+    one.arm.unplugged = [2]
+    one.run(10)
+    last = one.arm.inputs[-1]
+    one.run(49)
+    assert one.ended()[0] == "aborted"
+    share = 1.0 - np.arange(1, 50) / 50.0
+    np.testing.assert_allclose(one.arm.inputs[-49:], share[:, None] * last, rtol=1e-9)
+    assert "0" in one.server.restart()
+    one.run(2)
+    assert not np.any(one.arm.inputs[-2:])
+    assert one.server.restart() == ""
+    one.run(11)
+    assert one.server.stopped
+    one.run(60)
+    one.arm.unplugged = [0, 2]
+    assert unnamed(one.server.restart(), "pose", "shoulder") == []
+    one.arm.unplugged = []
+    pose = np.array((-0.6, 0.5))
+    one.arm.plant.reset(one.arm.robot.operating_point(pose)[0])
+    assert one.server.restart() == ""
+    one.run(300)
+    np.testing.assert_allclose(one.measured[-300:], np.broadcast_to(pose, (300, 2)), atol=2e-3)
+    one.goal([1.0], [GOAL])
+    assert one.finished() == ("succeeded", 0)
 
 
 def test_the_compiled_controller_does_the_same(make: Any, tmp_path: Any) -> None:

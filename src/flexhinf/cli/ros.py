@@ -89,3 +89,8 @@ def _tell(node: RosNode) -> None:
         if node.has_action
         else f"action: none; control_msgs, which {action} needs, is not installed"
     )
+    typer.echo(
+        f"after a fault: {name}/restart"
+        if node.can_restart
+        else f"after a fault: the end; std_srvs, which {name}/restart needs, is not installed"
+    )

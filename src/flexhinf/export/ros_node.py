@@ -47,9 +47,15 @@ INSTALL = (
     "ros-jazzy-sensor-msgs ros-jazzy-trajectory-msgs ros-jazzy-rmw-fastrtps-cpp"
 )
 
+#: What a node does without where it is not installed.
+OPTIONAL: dict[str, Callable[[], Any]] = {
+    "action": lambda: import_module("control_msgs.action").FollowJointTrajectory,
+    "trigger": lambda: import_module("std_srvs.srv").Trigger,
+}
+
 
 def ros_packages() -> dict[str, Any]:
-    """Modules of ROS 2 by name, refused before any work where they are missing; without an action where that is."""
+    """Modules of ROS 2 by name, refused before any work where they are missing; None for what is `OPTIONAL`."""
     names = (
         "rclpy", "rclpy.action", "rclpy.context", "rclpy.exceptions", "rclpy.executors", "rclpy.node",
         "rcl_interfaces.msg", "sensor_msgs.msg", "std_msgs.msg", "trajectory_msgs.msg",
@@ -57,10 +63,11 @@ def ros_packages() -> dict[str, Any]:
     found = {
         name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
     }
-    try:
-        found["action"] = import_module("control_msgs.action").FollowJointTrajectory
-    except ImportError:
-        found["action"] = None
+    for key, load in OPTIONAL.items():
+        try:
+            found[key] = load()
+        except ImportError:
+            found[key] = None
     return found
 
 
@@ -128,6 +135,18 @@ class _Followed:
     end: GoalEnd | None = None
 
 
+@dataclass(eq=False)
+class _Restart:
+    """A call of ``~/restart`` until a sample answers it: why not, or empty."""
+
+    is_over: threading.Event = field(default_factory=threading.Event)
+    why: str = ""
+
+    def answer(self, why: str) -> None:
+        self.why = why
+        self.is_over.set()
+
+
 class RosNode:
     """Topics and action of a `TrajectoryServer`; a context, which stops the robot and gives all back at its end.
 
@@ -141,6 +160,8 @@ class RosNode:
         Time of stamps, ns; by default that of the node.
     action : type, optional
         ``control_msgs.action.FollowJointTrajectory``; by default it is looked for, and left out where it is missing.
+    trigger : type, optional
+        ``std_srvs.srv.Trigger`` of the service ``~/restart``; likewise.
 
     Tolerances and times of goals that state none are parameters of the node, with names of the plugin for ros2_control.
     With ``speed_scaling_topic``, a trajectory is followed with the fraction of its speed that `std_msgs/Float64` there
@@ -155,6 +176,7 @@ class RosNode:
         name: str,
         clock: Callable[[], int] | None = None,
         action: Any = None,
+        trigger: Any = None,
     ) -> None:
         ros = ros_packages()
         self.server, self._ros = server, ros
@@ -163,7 +185,7 @@ class RosNode:
         self.node = ros["rclpy.node"].Node(name, context=self.context)
         try:
             self._declare()
-            self._scale_by(self._scaling["speed_scaling_topic"])
+            self._scale_by(self._at_start["speed_scaling_topic"])
         except InvalidInput:
             self.node.destroy_node()
             ros["rclpy"].shutdown(context=self.context)
@@ -173,6 +195,12 @@ class RosNode:
         self.node.create_subscription(
             ros["trajectory_msgs.msg"].JointTrajectory, "~/joint_trajectory", self._receive, DEPTH
         )
+        server.stop_ramp = self._at_start["stop_ramp"]
+        self._trigger = trigger or ros["trigger"]
+        self._pending_restart: _Restart | None = None
+        if self._trigger is not None:
+            self.node.create_service(self._trigger, "~/restart", self._restart)
+        self._logged = ""
         self._every = max(1, round(PUBLISHED / server.period))
         self._action, self._lock = action or ros["action"], threading.Lock()
         self._goals: list[_Followed] = []
@@ -188,8 +216,8 @@ class RosNode:
     def _declare(self) -> None:
         """Parameters, which a file or an argument of ROS may state; later values are checked as they come."""
         self._parameters = self._stated(goal_parameters(self.server.follower))
-        self._scaling = self._stated(AT_START)
-        check_at_start(self._scaling)
+        self._at_start = self._stated(AT_START)
+        check_at_start(self._at_start)
         refused = self.server.change(goal_options(self.server.follower, self._parameters))
         if refused:
             raise InvalidInput("The parameters of goals cannot be set.", refused, "a server without goals")
@@ -245,6 +273,11 @@ class RosNode:
         """Whether goals of FollowJointTrajectory are served."""
         return self._served is not None
 
+    @property
+    def can_restart(self) -> bool:
+        """Whether ``~/restart`` is served."""
+        return self._trigger is not None
+
     def __enter__(self) -> RosNode:
         self._thread.start()
         return self
@@ -258,6 +291,7 @@ class RosNode:
 
     def _close(self) -> None:
         self._tell()
+        self._answer(lambda: self.server.stopped)
         for goal in list(self._goals):  # ended by nobody, as one that came just now
             goal.end = GoalEnd(goal.number, FollowCode.PATH_TOLERANCE_VIOLATED, self.server.stopped)
             goal.is_over.set()
@@ -289,10 +323,22 @@ class RosNode:
         for goal in tuple(self._goals):
             if goal.handle.is_cancel_requested:
                 self.server.cancel(goal.number)
+        self._answer(self.server.restart)
         self.server.sample(elapsed)
         self._tell()
+        if self.server.stopped != self._logged:
+            self._logged = self.server.stopped
+            if self._logged:
+                self.node.get_logger().error(f"the robot is stopped: {self._logged}")
         if self.server.samples % self._every == 0:
             self._publish()
+
+    def _answer(self, decide: Callable[[], str]) -> None:
+        """What ``~/restart`` waits for."""
+        with self._lock:
+            pending, self._pending_restart = self._pending_restart, None
+        if pending is not None:
+            pending.answer(decide())
 
     def _tell(self) -> None:
         ends = {end.number: end for end in self.server.ends()}
@@ -336,8 +382,19 @@ class RosNode:
         else:
             self.server.submit(goal)
 
+    def _restart(self, request: Any, response: Any) -> Any:
+        """Wait for the sample that begins again."""
+        with self._lock:
+            pending = self._pending_restart = _Restart()
+        if not pending.is_over.wait(ENDING):
+            self._answer(lambda: "no sample came: the loop of the robot does not run")
+            pending.is_over.wait()
+        response.success = not pending.why
+        response.message = pending.why or "it begins at rest at the measured pose"
+        return response
+
     def _scale(self, message: Any) -> None:
-        self.server.speed = self._scaling["speed_scaling_factor"] * message.data
+        self.server.speed = self._at_start["speed_scaling_factor"] * message.data
 
     def _wanted(self, request: Any) -> FollowGoal:
         tolerances = request.path_tolerance, request.goal_tolerance
@@ -419,11 +476,13 @@ def run_ros(
     ready: Callable[[RosNode], None] | None = None,
     longest_unseen: int = LONGEST_UNSEEN,
 ) -> RosRun:
-    """Run a controller as a ROS 2 node that follows trajectories, until Ctrl-C, a fault, or the end of `duration`.
+    """Run a controller as a ROS 2 node that follows trajectories, until Ctrl-C or the end of `duration`.
 
     Each period `hardware` is read, the controller steps, and its input is written. Where a sample is late, the next
-    one is due a period after it. A fault stops the robot: its inputs are 0 once (those of drives that take positions
-    stay), and the goal ends with −4; so does the end of the node. Tolerances and times of goals that state none are
+    one is due a period after it. A fault stops the robot: its inputs fall to 0 in the parameter ``stop_ramp`` (those of
+    drives that take positions stay), and the goal ends with −4; so does the end of the node, at once. After a fault the
+    node waits for ``~/restart``, which begins again at rest at the measured pose; where std_srvs, which that needs, is
+    not installed, it ends. Tolerances and times of goals that state none are
     parameters of the node, which may be set while no trajectory is followed.
 
     Parameters
@@ -472,8 +531,8 @@ def run_ros(
     server = TrajectoryServer(
         controller, robot, hardware, library=library, pose=pose, longest_unseen=longest_unseen
     )
-    period, late = server.period, 0
-    samples = None if duration is None else round(duration / period)
+    period, late, passes = server.period, 0, 0
+    most = None if duration is None else round(duration / period)
     frame = max(1, round(1.0 / 30.0 / period))
     with (
         RosNode(server, node_name(robot) if name is None else name) as node,
@@ -484,12 +543,13 @@ def run_ros(
         if ready is not None:
             ready(node)
         step, due, before = round(1e9 * period), time.perf_counter_ns(), 0
-        while not request and not server.stopped and server.samples != samples:
+        while not request and passes != most and (node.can_restart or not server.is_released):
+            passes += 1
             now = wait_until(due) if real_time else time.perf_counter_ns()
             node.sample(1e-9 * (now - before) if timed and real_time and before else 0.0)
             is_late = time.perf_counter_ns() > due + step
             due, before, late = (now if is_late else due) + step, now, late + is_late
-            if watch is not None and server.samples % frame == 0 and not watch():
+            if watch is not None and passes % frame == 0 and not watch():
                 request.append(0)
         run = RosRun(server.samples, late, server.stopped, request[0] if request else None, scheduling)
     return run

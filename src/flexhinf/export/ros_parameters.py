@@ -16,9 +16,16 @@ ANY = 1e9
 #: Longest stop time, s.
 LONGEST_STOP = 1e6
 
+#: Longest ramp of the inputs after a fault, s: as in the plugin.
+LONGEST_RAMP = 10.0
+
 #: What a node reads when it begins: a topic with the fraction of its speed with which a trajectory is followed, where
-#: there is one, and the factor from its numbers to the fraction.
-AT_START: dict[str, bool | float | str] = {"speed_scaling_topic": "", "speed_scaling_factor": 1.0}
+#: there is one; the factor from its numbers to the fraction; and the time in which inputs fall to 0 after a fault, s.
+AT_START: dict[str, bool | float | str] = {
+    "speed_scaling_topic": "",
+    "speed_scaling_factor": 1.0,
+    "stop_ramp": 0.0,
+}
 
 
 def goal_parameters(follower: Follower) -> dict[str, bool | float]:
@@ -67,4 +74,11 @@ def check_at_start(values: Mapping[str, Any]) -> None:
         "The factor of the speed scaling does not fit.",
         f"expected a number above 0, got {factor!r}",
         "speed_scaling_factor:=0.01, for a topic with percent",
+    )
+    ramp = float(values["stop_ramp"])
+    refuse_if(
+        not 0.0 <= ramp <= LONGEST_RAMP,
+        "The ramp after a fault does not fit.",
+        f"expected seconds from 0 to {LONGEST_RAMP:g}, got {ramp!r}",
+        "stop_ramp:=0.5",
     )

@@ -9,14 +9,14 @@ from __future__ import annotations
 import copy
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from flexhinf.arrays import Numbers, Vector
-from flexhinf.errors import NumericalFailure, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
@@ -32,6 +32,9 @@ FATAL = ("WENT_BACK", "STOPPED", "BAD_PERIOD")
 
 #: Velocity of a commanded joint that rests, rad/s or m/s.
 RESTING = 1e-9
+
+#: Share of the inputs, of a ramp that is over but for rounding.
+ROUNDING = 1e-9
 
 #: Samples that a sensor may be silent for.
 LONGEST_UNSEEN = 10
@@ -106,6 +109,10 @@ class TrajectoryServer:
         Of the last sample.
     stopped : str
         Why the robot was stopped; empty while it is not.
+    is_released : bool
+        Whether the inputs of a robot that was stopped have fallen to 0.
+    stop_ramp : float
+        Time in which they do so, s; 0: at once. It may be set, as `speed` may.
     speed : float
         Fraction of its speed with which a trajectory is followed, 0 to 1; what is no number stops it. It may be set
         from any thread.
@@ -126,22 +133,28 @@ class TrajectoryServer:
     ) -> None:
         self.robot, self.hardware, self.period = robot, hardware, controller.period
         self.measured, self._longest = controller.measured, longest_unseen
-        self._stepped: Any = controller.fresh() if library is None else copy.copy(library)
         if library is not None:
             check_library(library, controller)
+        self._fresh: Callable[[], Any] = controller.fresh if library is None else lambda: copy.copy(library)
         self._is_compiled = library is not None
         self._follower: CompiledFollower = compile_follower(code_of(controller, "arm", "double", robot))
         self._lock = threading.RLock()
-        self._numbers, self._open, self._in_use, self._pending = 0, 0, 0, 0
+        self._numbers, self.samples, self.speed, self.stop_ramp = 0, 0, 1.0, 0.0
         self._ends: deque[GoalEnd] = deque()
         q = measured_pose(robot, self.measured, hardware.read()) if pose is None else real_array(pose)
+        self._begin(q)
+
+    def _begin(self, q: Vector) -> None:
+        """At rest at link positions, without a goal."""
+        self._open, self._in_use, self._pending = 0, 0, 0
         self._follower.reset(q)
-        state, u = robot.operating_point(q)
+        self._stepped = self._fresh()
+        state, u = self.robot.operating_point(q)
         self._stepped.reset(state=state, input=u)
         self._u, self._unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
-        none = np.zeros(len(robot.joint_names))
-        self.motion, self.stopped, self.samples = ArmMotion(q, none, q, none), "", 0
-        self._is_released, self.speed = False, 1.0
+        none = np.zeros(len(self.robot.joint_names))
+        self.motion, self.stopped = ArmMotion(q, none, q, none), ""
+        self._stopped_for, self.is_released = 0.0, False
 
     # Goals, from any thread ----------------------------------------------------------------------------
     def refusal(self, goal: FollowGoal) -> str:
@@ -212,24 +225,46 @@ class TrajectoryServer:
     def sample(self, elapsed: float = 0.0) -> None:
         """Read, follow, step, write; `elapsed`: s since the sample before, 0 where that is not known.
 
-        Nothing is computed after a fault, which `stopped` names: the inputs are then 0, those of drives that take
-        positions stay.
+        Nothing is computed after a fault, which `stopped` names: the inputs fall to 0 in `stop_ramp`, those of drives
+        that take positions stay.
         """
         y = None if self.stopped else self._measurement()
         with self._lock:
             if not self.stopped:
                 self._step(y, elapsed)
         if self.stopped:
-            self.release()
+            self._stopped_for += elapsed or self.period
+            left = max(0.0, 1.0 - self._stopped_for / self.stop_ramp) if self.stop_ramp else 0.0
+            self._let_go(0.0 if left < ROUNDING else left)
         else:
             self.hardware.write(self._u)
             self.samples += 1
 
     def release(self) -> None:
-        """Write the inputs of a robot that was stopped, once."""
-        if not self._is_released:
-            self._is_released = True
-            self.hardware.write(self._u if self.robot.drive == "position" else np.zeros_like(self._u))
+        """Write the last inputs of a robot that was stopped, whatever the ramp, unless they are written."""
+        if not self.is_released:
+            self._let_go(0.0)
+
+    def _let_go(self, share: float) -> None:
+        self.is_released = share == 0.0
+        self.hardware.write(self._u if self.robot.drive == "position" else share * self._u)
+
+    def restart(self) -> str:
+        """Begin again after a fault, at rest at the pose that is measured; why not, or empty.
+
+        It is called in the thread of the samples, between two of them.
+        """
+        if not self.stopped:
+            return "the robot is not stopped"
+        if not self.is_released:
+            return "the inputs still fall to 0: wait until they do"
+        try:
+            q = measured_pose(self.robot, self.measured, self.hardware.read())
+        except InvalidInput as error:
+            return str(error)
+        with self._lock:
+            self._begin(q)
+        return ""
 
     def stop(self, reason: str) -> None:
         """Stop the robot; the goal ends with −4 and this reason."""
