@@ -19,6 +19,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export import trajectory_server
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.ros_parameters import AT_START, check_at_start, goal_options, goal_parameters
 from flexhinf.export.trajectory_server import TrajectoryServer, measured_pose
 from flexhinf.robot import FollowCode, FollowGoal, MuJoCoPlant
 
@@ -233,6 +234,64 @@ def test_a_speed_that_is_no_number_stops_the_arm_until_there_is_one(make: Any) -
     assert one.ended() == ("succeeded", 0)
     one.is_smooth()
     np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+
+
+def changed(one: ServedArm, **values: Any) -> str:
+    """What a server answers to parameters of goals; the others stay as without any."""
+    follower = one.server.follower
+    return one.server.change(goal_options(follower, goal_parameters(follower) | values))
+
+
+def test_options_of_goals_change_while_no_trajectory_is_followed(make: Any) -> None:
+    """Not before the joints rest after a cancel either; the arm does not jump."""
+    one = make()
+    one.goal([1.0], [GOAL[:1]], joints=JOINTS[:1])
+    assert not one.accepted()
+    assert changed(one, allow_partial_joints_goal=True) == ""
+    assert one.accepted()
+    one.run(300)
+    assert unnamed(changed(one, stop_time=0.1), "followed", "cancel") == []
+    assert one.manager("cancel_goal")
+    one.run(1)
+    assert one.ended() == ("cancelled", 0)
+    assert unnamed(changed(one, stop_time=0.1), "followed") == []
+    one.run(900)
+    before = one.arm.inputs[-1]
+    assert changed(one, **{"stop_time": 0.1, "constraints.elbow.trajectory": 1e-6}) == ""
+    assert one.server.follower.stop_time == 0.1
+    one.run(5)
+    np.testing.assert_allclose(one.arm.inputs[-1], before, atol=1e-3 * np.abs(before).max() + 1e-6)
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(LONGEST)
+    assert one.ended() == ("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("stop_time", 0.0), ("stop_time", 1e9), ("cmd_timeout", -1.0), ("constraints.elbow.goal", math.nan)],
+)
+def test_options_of_goals_that_do_not_fit_change_nothing(name: str, value: float, make: Any) -> None:
+    one = make()
+    follower = one.server.follower
+    with refused_with(InvalidInput, "expected", "got"):
+        changed(one, **{name: value})
+    assert one.server.follower is follower
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "advice"),
+    [
+        ("speed_scaling_factor", 0.0, "speed_scaling_factor:=0.01"),
+        ("stop_ramp", 10.5, "stop_ramp:=0.5"),
+        ("stop_ramp", math.nan, "stop_ramp:=0.5"),
+    ],
+)
+def test_what_a_node_reads_when_it_begins_is_checked(name: str, value: float, advice: str) -> None:
+    with refused_with(InvalidInput, "expected", advice):
+        check_at_start({**AT_START, name: value})
+    stated, number = advice.split(":=")
+    check_at_start({**AT_START, stated: float(number)})
 
 
 @pytest.mark.parametrize("unplugged", [[3], [0, 1, 2, 3]])
