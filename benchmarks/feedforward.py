@@ -31,7 +31,7 @@ import flexhinf as fh  # noqa: E402
 from benchmarks.drives import SLOWER, servo  # noqa: E402
 from flexhinf.robot import MuJoCoPlant, Robot  # noqa: E402
 from flexhinf.robot.kinematics import position_ranges  # noqa: E402
-from flexhinf.robot.shaper import held_frequencies, shaped_by  # noqa: E402
+from flexhinf.robot.shaper import vibration_frequencies, shaped_by  # noqa: E402
 
 #: The rows that the docs show.
 KEPT = Path(__file__).with_suffix(".json")
@@ -85,7 +85,7 @@ class Commands:
 
     def __init__(self) -> None:
         self.robot = servo(fh.load_robot(NAME), "position", (BANDWIDTH,))
-        self.slowest = held_frequencies(self.robot, np.array([WORST]))
+        self.slowest = vibration_frequencies(self.robot, np.array([WORST]))
         self.shaping = float((1.0 / self.slowest).sum())  # time that shaping adds to a move, s
 
     @cached_property
@@ -104,13 +104,15 @@ class Commands:
         short, long, ends = self.short, self.long, 2.0 * self.short.delay
         return {
             "feedforward": lambda move: short.rows(move.polynomial(ends)).command,
-            "feedforward, smoothing as late": lambda move: long.rows(move.polynomial(2.0 * long.delay)).command,
-            "shaped, fixed periods, feedforward": lambda move: short.rows(
-                shaped_by(self._fixed(move), move.polynomial(ends + self.shaping), PERIOD)
-            ).command,
-            "shaped by pose, feedforward": lambda move: short.rows(
-                short.shaped(move.polynomial(ends + self.shaping))
-            ).command,
+            "feedforward, smoothing as late": lambda move: (
+                long.rows(move.polynomial(2.0 * long.delay)).command
+            ),
+            "shaped, fixed periods, feedforward": lambda move: (
+                short.rows(shaped_by(self._fixed(move), move.polynomial(ends + self.shaping), PERIOD)).command
+            ),
+            "shaped by pose, feedforward": lambda move: (
+                short.rows(short.shaped(move.polynomial(ends + self.shaping))).command
+            ),
             "ZVD at the slowest pose": lambda move: self._static(
                 shaped_by(self._fixed(move)[:, :1], move.polynomial(1.0 / self.slowest[0, 0]), PERIOD)
             ),
@@ -187,7 +189,11 @@ def table(kept: Mapping[str, Mapping[str, object]]) -> str:
         time, way = name.split(" s: ")
         pairs = [record[kind] for kind in ROBOTS]
         assert all(isinstance(pair, list) for pair in pairs)
-        cells = [", ".join(f"{number:.2g}" for number in pair) for pair in pairs if isinstance(pair, list)]
+        cells = [
+            ", ".join(f"{float(f'{number:.2g}'):g}" for number in pair)
+            for pair in pairs
+            if isinstance(pair, list)
+        ]
         lines.append(f"| {' | '.join([f'{time} s', way, str(record['rate']), *cells])} |")
     return "\n".join(lines)
 
@@ -195,7 +201,9 @@ def table(kept: Mapping[str, Mapping[str, object]]) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Make the rows that are missing, or print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.feedforward", description=__doc__)
-    parser.add_argument("--times", nargs="+", type=float, default=TIMES, metavar="S", help="whole times of moves")
+    parser.add_argument(
+        "--times", nargs="+", type=float, default=TIMES, metavar="S", help="whole times of moves"
+    )
     parser.add_argument("--moves", type=int, default=12, help="moves of each row (default: 12)")
     parser.add_argument("--kept", type=Path, default=KEPT, metavar="FILE", help="where the rows are kept")
     parser.add_argument("--table", action="store_true", help="print the table of the rows that are kept")
@@ -204,7 +212,10 @@ def main(arguments: list[str] | None = None) -> int:
     shortest = max(own.shaping + 2.0 * own.short.delay, 2.0 * own.long.delay)
     if given.moves < 1 or min(given.times) <= shortest:
         parser.error(f"--moves is at least 1, --times are longer than {shortest:.2f}")
-    if not given.table:
+    if given.table:
+        print(table(kept_in(given.kept)))
+        return 0
+    try:
         for time, way in itertools.product(given.times, own.ways()):
             name, kept = f"{time:g} s: {way}", kept_in(given.kept)
             if kept.get(name, {}).get("moves") != given.moves:
@@ -213,8 +224,9 @@ def main(arguments: list[str] | None = None) -> int:
                 part.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
                 part.replace(given.kept)
                 print(name, kept[name], flush=True)
-    else:
-        print(table(kept_in(given.kept)))
+    except KeyboardInterrupt:
+        print("interrupted; the rows that are whole are kept")
+        return 130
     return 0
 
 

@@ -14,7 +14,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import MuJoCoPlant, Parameter
-from flexhinf.robot.shaper import held_frequencies
+from flexhinf.robot.shaper import vibration_frequencies
 
 PERIOD = 4e-3
 
@@ -34,14 +34,19 @@ def with_rigid(robot, joint):
 @pytest.mark.parametrize("drive", ["position", "velocity"])
 @pytest.mark.parametrize(
     ("name", "rigid"),
-    [("planar-two-link", ""), ("spatial-three-link", ""), ("planar-two-link", "shoulder"), ("planar-two-link", "elbow")],
+    [
+        ("planar-two-link", ""),
+        ("spatial-three-link", ""),
+        ("planar-two-link", "shoulder"),
+        ("planar-two-link", "elbow"),
+    ],
 )
 def test_frequencies_are_those_of_the_linearised_plant_with_stiff_drives(name, rigid, drive):
     """Eigenvalues of the whole plant, whose drives are far faster than its springs."""
     robot = driven_robot(name, drive, [3e4] * len(fh.load_robot(name).joint_names))
     robot = with_rigid(robot, rigid) if rigid else robot
     for pose in (robot.home, 0.5 * np.array(robot.home) - 0.4):
-        frequencies = held_frequencies(robot, np.array([pose]))[0]
+        frequencies = vibration_frequencies(robot, np.array([pose]))[0]
         modes = [mode.frequency for mode in robot.modes(pose) if mode.vibration]
         assert frequencies == pytest.approx(modes[: len(frequencies)], rel=2e-3)
         assert len(frequencies) == len(robot.joint_names) - bool(rigid)
@@ -50,7 +55,7 @@ def test_frequencies_are_those_of_the_linearised_plant_with_stiff_drives(name, r
 def test_a_position_drive_that_yields_makes_them_slower_as_in_the_linearised_plant(feedforward):
     robot = feedforward.robot
     stiff, yielding = (
-        held_frequencies(each, np.array([[0.3, 0.5]]))[0, 0]
+        vibration_frequencies(each, np.array([[0.3, 0.5]]))[0, 0]
         for each in (driven_robot("planar-two-link", hertz=(3e4, 3e4)), robot)
     )
     slowest = min(mode.frequency for mode in robot.modes((0.3, 0.5)) if mode.vibration)
@@ -62,7 +67,7 @@ def test_a_step_comes_in_parts_of_one_two_and_one_quarter(feedforward):
     """At the periods of its goal, in closed form; the delay is their halves' sum."""
     goal = np.array([0.5, -0.7])
     step = np.vstack([np.zeros((1, 2)), np.repeat([goal], 300, axis=0)])
-    slow, fast = held_frequencies(feedforward.robot, goal[None])[0]
+    slow, fast = vibration_frequencies(feedforward.robot, goal[None])[0]
     taps = [
         (i / (2 * slow) + j / (2 * fast), a * b / 16.0)
         for i, a in enumerate((1, 2, 1))
@@ -84,7 +89,7 @@ def test_a_row_needs_no_more_than_two_periods_before_it(feedforward):
     t = PERIOD * np.arange(900)
     path = np.column_stack([np.sin(2.0 * t), 0.5 * np.cos(3.0 * t)])
     whole = feedforward.shaped(path)
-    frequencies = held_frequencies(feedforward.robot, path)
+    frequencies = vibration_frequencies(feedforward.robot, path)
     size = math.ceil(2.0 * (1.0 / frequencies).sum(axis=1).max() / PERIOD) + 4
     for end in (size + 1, 600, 900):
         assert feedforward.shaped(path[end - size : end])[-1] == pytest.approx(whole[end - 1], abs=1e-12)
@@ -111,7 +116,7 @@ def test_soft_springs_on_mujoco_are_left_with_less_vibration(feedforward):
     plant, swings = MuJoCoPlant(robot, None, step=1e-3, parameters=soft), []
     for streamed in (path, feedforward.shaped(path)):
         commands, links = feedforward.rows(streamed).command, []
-        start = root(lambda q: robot.operating_point(q, parameters=soft)[1] - commands[0], path[0]).x
+        start = root(lambda q, u=commands[0]: robot.operating_point(q, parameters=soft)[1] - u, path[0]).x
         plant.reset(robot.operating_point(start, parameters=soft)[0])
         for command in commands:
             plant.step(command, np.zeros(0), PERIOD)

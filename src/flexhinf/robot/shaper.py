@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 STEP = 1e-4
 
 
-def held_frequencies(robot: Robot, poses: np.ndarray) -> np.ndarray:
+def vibration_frequencies(robot: Robot, poses: np.ndarray) -> np.ndarray:
     """Frequencies (N, m) of the m elastic joints' vibrations at poses (N, n), slowest first, Hz.
 
     Motors are held by their drives; what a position drive yields to its load is part of the springs.
@@ -78,5 +78,5 @@ def shaped_by(frequencies: np.ndarray, path: np.ndarray, period: float) -> np.nd
 
 def shaped_path(robot: Robot, path: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     """A path (N, n), shaped, and by how much it is later at each sample (N,), s."""
-    frequencies = held_frequencies(robot, shaped_by(held_frequencies(robot, path), path, period))
+    frequencies = vibration_frequencies(robot, shaped_by(vibration_frequencies(robot, path), path, period))
     return shaped_by(frequencies, path, period), np.sum(0.5 / frequencies, axis=1)
