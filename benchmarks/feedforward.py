@@ -31,7 +31,7 @@ import flexhinf as fh  # noqa: E402
 from benchmarks.drives import SLOWER, servo  # noqa: E402
 from flexhinf.robot import MuJoCoPlant, Robot  # noqa: E402
 from flexhinf.robot.kinematics import position_ranges  # noqa: E402
-from flexhinf.robot.shaper import vibration_frequencies, shaped_by  # noqa: E402
+from flexhinf.robot.shaper import shaped_by, vibration_frequencies  # noqa: E402
 
 #: The rows that the docs show.
 KEPT = Path(__file__).with_suffix(".json")

@@ -14,8 +14,8 @@ and the inverse dynamics [deluca2016] give from them, in a bounded number of ope
   and 0x60B2 of CiA 402), all on the link side.
 
 q_d is later than q by 3 T. A path of constant velocity is kept exactly. As the inverse dynamics follow the pose, so
-does what the command cancels. Where stiffness or load is uncertain, a part of it is left: the path is shaped first then,
-by a filter whose periods follow the pose too, see `flexhinf.robot.shaper`.
+does what the command cancels. Where stiffness or load is uncertain, a part of it is left: the path is first shaped
+then, by a filter whose periods follow the pose too, see `flexhinf.robot.shaper`.
 """
 
 from __future__ import annotations
