@@ -14,7 +14,8 @@ and the inverse dynamics [deluca2016] give from them, in a bounded number of ope
   and 0x60B2 of CiA 402), all on the link side.
 
 q_d is later than q by 3 T. A path of constant velocity is kept exactly. As the inverse dynamics follow the pose, so
-does what the command cancels; a shaper of fixed times has one frequency.
+does what the command cancels. Where stiffness or load is uncertain, a part of it is left: the path is first shaped
+then, by a filter whose periods follow the pose too, see `flexhinf.robot.shaper`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.command_limits import check_commands
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
+from flexhinf.robot.shaper import shaped_path
 from flexhinf.validation import checked_array, checked_positive
 
 #: Degree of the spline; knots of one of its pieces; derivatives, the position included; longest window, samples.
@@ -59,8 +61,7 @@ class Feedforward:
         Time between two samples of the path, s.
     smoothing : float
         T, s: a multiple of the period. The path is later by 3 T, and jumps take 6 T. By default the vibration's period
-        does not matter, as the inverse dynamics leave none; where stiffness is uncertain, T ≥ 1/f of the slowest
-        vibration f leaves the least.
+        does not matter, as the inverse dynamics leave none; where stiffness is uncertain, stream what `shaped` gives.
 
     Raises InvalidInput: for a smoothing that is no multiple of the period, or longer than 333 of them.
 
@@ -108,14 +109,41 @@ class Feedforward:
         """By how much q_d is later than the path, s."""
         return 0.5 * KNOTS * self.smoothing
 
-    def smoothed(self, path: ArrayLike) -> np.ndarray:
-        """q_d and four derivatives (5, N, n) along a path (N, n), which rested at its first row before."""
+    def shaped(self, path: ArrayLike) -> np.ndarray:
+        """A path (N, n), rad or m, shaped by a filter of zero vibration and derivative whose periods follow the pose.
+
+        To be streamed in its place, in Python or C, where stiffness or load is uncertain. It is later by half a period
+        of each vibration, see `shaping_delay`. A row needs the path of two periods of each before it, no more.
+        Raises InvalidInput: where the springs do not hold the links against gravity.
+
+        Examples
+        --------
+        >>> import flexhinf as fh
+        >>> feedforward = fh.Feedforward(fh.load_robot("planar-two-link"), period=4e-3)
+        >>> step = [[0.0, 0.0]] + [[0.5, 0.2]] * 249
+        >>> float(feedforward.shaping_delay(step)[-1].round(3))
+        0.22
+        >>> feedforward.shaped(step)[[1, 80, -1], 0].round(3).tolist()
+        [0.031, 0.375, 0.5]
+        """
+        return shaped_path(self.robot, self._checked(path), self.period)[0]
+
+    def shaping_delay(self, path: ArrayLike) -> np.ndarray:
+        """By how much `shaped` is later than the path at each of its rows (N,), s."""
+        return shaped_path(self.robot, self._checked(path), self.period)[1]
+
+    def _checked(self, path: ArrayLike) -> np.ndarray:
+        """A path as finite rows (N, n)."""
         n, what = len(self.robot.joint_names), "The path does not fit the robot."
         q = np.atleast_1d(np.asarray(path, dtype=float))
         q = q[:, None] if q.ndim == 1 and n == 1 else q
-        q = checked_array(
+        return checked_array(
             what, q, (len(q), n), f"(N, {n}) finite numbers", "one row of link positions per sample"
         )
+
+    def smoothed(self, path: ArrayLike) -> np.ndarray:
+        """q_d and four derivatives (5, N, n) along a path (N, n), which rested at its first row before."""
+        q = self._checked(path)
         size = self.weights.shape[1]
         held = np.vstack([np.repeat(q[:1], size - 1, axis=0), q]) - q[0]
         windows = np.lib.stride_tricks.sliding_window_view(held, size, axis=0)[..., ::-1]
