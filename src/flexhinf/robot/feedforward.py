@@ -112,7 +112,8 @@ class Feedforward:
     def shaped(self, path: ArrayLike) -> np.ndarray:
         """A path (N, n), rad or m, shaped by a filter of zero vibration and derivative whose periods follow the pose.
 
-        To be streamed in its place, in Python or C, where stiffness or load is uncertain. It is later by half a period
+        To be streamed in its place, in Python or C, where stiffness or load is uncertain, to drives that hold the
+        motors: by positions, velocities, or the motor's position; a torque alone does not. It is later by half a period
         of each vibration, see `shaping_delay`. A row needs the path of two periods of each before it, no more.
         Raises InvalidInput: where the springs do not hold the links against gravity.
 
