@@ -47,6 +47,7 @@ from flexhinf.design.workspace.rivals import rival_law  # noqa: E402
 from flexhinf.design.workspace.search import tuned_setup  # noqa: E402
 from flexhinf.design.workspace.setup import WorkspaceSetup  # noqa: E402
 from flexhinf.errors import FlexhinfError  # noqa: E402
+from flexhinf.files import write_file  # noqa: E402
 from flexhinf.robot import Parameter, Robot  # noqa: E402
 from flexhinf.robot.kinematics import check_fast, position_ranges  # noqa: E402
 from flexhinf.robot.parameters import per_joint  # noqa: E402
@@ -291,9 +292,13 @@ def _keep(file: Path, name: str, record: Mapping[str, Any]) -> None:
         key: rows[key]
         for key in sorted(rows, key=lambda key: (robots.index(key.split("/")[0]), order.index(key)))
     }
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    part.replace(file)
+    keep(file, rows)
+
+
+def keep(file: Path, rows: Mapping[str, Any]) -> None:
+    """Write the rows of a benchmark, whole or not at all."""
+    text = json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
+    write_file(file, "rows", lambda name: Path(name).write_text(text, encoding="utf-8"))
 
 
 if __name__ == "__main__":

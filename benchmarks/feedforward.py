@@ -18,7 +18,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before NumPy is imp
 
 import argparse  # noqa: E402
 import itertools  # noqa: E402
-import json  # noqa: E402
 import sys  # noqa: E402
 from collections.abc import Callable, Mapping  # noqa: E402
 from functools import cached_property  # noqa: E402
@@ -28,7 +27,7 @@ from typing import NamedTuple  # noqa: E402
 import numpy as np  # noqa: E402
 
 import flexhinf as fh  # noqa: E402
-from benchmarks.drives import SLOWER, servo  # noqa: E402
+from benchmarks.drives import SLOWER, keep, kept_in, servo  # noqa: E402
 from flexhinf.robot import MuJoCoPlant, Robot  # noqa: E402
 from flexhinf.robot.kinematics import position_ranges  # noqa: E402
 from flexhinf.robot.shaper import shaped_by, vibration_frequencies  # noqa: E402
@@ -176,11 +175,6 @@ def made(way: str, time: float, count: int) -> dict[str, object]:
 
 
 # Program ------------------------------------------------------------------------------------------
-def kept_in(file: Path) -> dict[str, dict[str, object]]:
-    """The rows of a file, by time and way; none where it is not there."""
-    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-
-
 def table(kept: Mapping[str, Mapping[str, object]]) -> str:
     """The rows that are kept, as Markdown."""
     head = ["move", "commands", "largest rate, rad/s", *ROBOTS]
@@ -220,9 +214,7 @@ def main(arguments: list[str] | None = None) -> int:
             name, kept = f"{time:g} s: {way}", kept_in(given.kept)
             if kept.get(name, {}).get("moves") != given.moves:
                 kept[name] = made(way, time, given.moves)
-                part = given.kept.with_suffix(".part")
-                part.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-                part.replace(given.kept)
+                keep(given.kept, kept)
                 print(name, kept[name], flush=True)
     except KeyboardInterrupt:
         print("interrupted; the rows that are whole are kept")

@@ -478,11 +478,10 @@ class JointLimits:
 
     def acceleration_use(self, response: Response) -> LimitUse:
         """Use of the largest accelerations of the inputs."""
-        changes, units = (
-            command_changes(response.inputs, self.period),
-            tuple(per_second(unit, 2) for unit in self.effort_units),
+        units = tuple(per_second(unit, 2) for unit in self.effort_units)
+        return self._use(
+            response, np.abs(command_changes(response.inputs, self.period)[1]), self.acceleration, units
         )
-        return self._use(response, np.abs(changes[1]), self.acceleration, units)
 
     def speed_use(self, response: Response) -> LimitUse:
         """Use of the speed limits."""

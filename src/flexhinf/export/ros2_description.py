@@ -53,11 +53,11 @@ def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Mapping[str, Any]
     """Joints of a URDF, each with the link behind it."""
     base, *links = distinct_names(["base_link", *(f"{name}_link" for name in tree.names)])
     speeds = [None] * len(tree) if code.robot is None else code.robot.speed_limits or [None] * len(tree)
+    largest = {signal["interface"]: max(abs(signal["lower"]), abs(signal["upper"])) for signal in inputs}
     rows: list[dict[str, Any]] = []
     for joint, link, parent, speed in zip(tree.joints, links, tree.parents, speeds, strict=True):
         kind = joint.kind if joint.kind == "prismatic" or joint.limits is not None else "continuous"
         lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
-        largest = {signal["interface"]: max(abs(signal["lower"]), abs(signal["upper"])) for signal in inputs}
         limit = {"lower": lower, "upper": upper} if kind != "continuous" else {}
         limit["effort"] = min(largest.get(f"{joint.name}/effort", UNLIMITED), UNLIMITED)
         limit["velocity"] = min(UNLIMITED if speed is None else float(speed), UNLIMITED)

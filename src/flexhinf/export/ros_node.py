@@ -482,8 +482,8 @@ def run_ros(
     one is due a period after it. A fault stops the robot: its inputs fall to 0 in the parameter ``stop_ramp`` (those of
     drives that take positions stay), and the goal ends with −4; so does the end of the node, at once. After a fault the
     node waits for ``~/restart``, which begins again at rest at the measured pose; where std_srvs, which that needs, is
-    not installed, it ends. Tolerances and times of goals that state none are
-    parameters of the node, which may be set while no trajectory is followed.
+    not installed, it ends. Tolerances and times of goals that state none are parameters of the node, which may be set
+    while no trajectory is followed.
 
     Parameters
     ----------
