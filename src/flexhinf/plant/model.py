@@ -447,8 +447,8 @@ class Model(Summarised):
             at, held, load = (rows[0] for rows in points)
             result = self.evaluate_flow(at, held, load, vector)[None]
         else:
-            columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in (*points, vector[None])]
-            result = np.asarray(self.traced_flow(*columns), dtype=float).T
+            columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
+            result = np.asarray(self.traced_flow(*columns, vector), dtype=float).T
         result = result - points[0] if self.sampled else result
         several = any(value is not None and np.ndim(value) == 2 for value in (x, u, d))
         return result if several else result[0]

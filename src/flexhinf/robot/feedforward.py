@@ -181,8 +181,7 @@ class Feedforward:
         inverse = traced_inverse(
             self.inverse, tuple((name, value.shape) for name, value in table.values.items())
         )
-        numbers = np.broadcast_to(table.vector()[:, None], (table.size, motion.shape[1]))
-        return np.array(inverse(*(part.T for part in motion), numbers)[1], dtype=float).T
+        return np.array(inverse(*(part.T for part in motion), table.vector())[1], dtype=float).T
 
     @property
     def inverse(self) -> InverseFlow:

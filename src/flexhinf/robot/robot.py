@@ -435,9 +435,8 @@ class Robot(Pictured):
         if not count:
             return np.zeros((0, self.layout.mechanical)), np.zeros((0, len(joints)))
         columns = [np.broadcast_to(array, (count, len(joints))).T for array in arrays]
-        numbers = np.broadcast_to(table.vector()[:, None], (table.size, count))
         inverse = traced_inverse(flow, tuple((name, value.shape) for name, value in table.values.items()))
-        x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, numbers))
+        x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, table.vector()))
         return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
     def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
