@@ -3,7 +3,7 @@
 import casadi
 import numpy as np
 
-from flexhinf.codegen.operations import OperationKind, register
+from flexhinf.codegen.operations import OperationKind, nowhere, register
 
 
 def written(writer, y, x):
@@ -12,4 +12,5 @@ def written(writer, y, x):
 
 
 in_c = "atan2{f}({0.bare}, {1.bare})"  # of the type's suffix, and of the operands without brackets
-register(OperationKind(casadi.OP_ATAN2, np.arctan2, written, in_c, library="atan2", costs=True))
+where = {"switches": lambda y, x: [y], "poles": nowhere, "angle": True}  # at y = 0 it jumps by whole turns
+register(OperationKind(casadi.OP_ATAN2, np.arctan2, written, in_c, library="atan2", costs=True, **where))

@@ -9,7 +9,7 @@ from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, machine
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
-from flexhinf.codegen.noise import normal_numbers, philox, seed_key
+from flexhinf.codegen.noise import ARRAYS, normal_numbers, philox, seed_key
 from flexhinf.errors import InvalidInput
 
 #: Random123's kat_vectors, philox4x32-10: counter, key, result.
@@ -50,7 +50,7 @@ def in_kernel(seed: int, samples: np.ndarray, steps: int, channels: int, lanes: 
 @pytest.mark.oracle
 @pytest.mark.parametrize(("counter", "key", "expected"), KNOWN)
 def test_known_answers(counter, key, expected):
-    assert " ".join(f"{int(word):08x}" for word in philox(counter, key)) == expected
+    assert " ".join(f"{int(word):08x}" for word in philox(ARRAYS, counter, key)) == expected
 
 
 @pytest.mark.oracle
@@ -65,7 +65,7 @@ def test_known_answers_of_the_emitted_generator(lanes):
 
     for k in range(6):
         names.append(writer.let(f"load {whole}, ptr {place(k)}, align 8"))
-    for k, word in enumerate(philox(names[:4], names[4:], writer)):
+    for k, word in enumerate(philox(writer, names[:4], names[4:])):
         writer.do(f"store {whole} {word}, ptr {place(k)}, align 8")
     text = "\n".join(["define void @flexhinf_known(ptr %words) {", *writer.lines, "  ret void", "}"])
     code = machine.Code(machine.assemble(text, 2), "flexhinf_known", {})
@@ -81,14 +81,14 @@ def test_known_answers_of_the_emitted_generator(lanes):
 @pytest.mark.oracle
 def test_arrays_of_counters_are_the_counters_one_by_one():
     a = np.array([0, 0xFFFFFFFF, 0x243F6A88])
-    words = philox((a, 5, 7, 0), (1, 2))
+    words = philox(ARRAYS, (a.astype(np.uint64), 5, 7, 0), (1, 2))
     for k, first in enumerate(a):
-        assert [int(w[k]) for w in words] == [int(w) for w in philox((int(first), 5, 7, 0), (1, 2))]
+        assert [int(w[k]) for w in words] == [int(w) for w in philox(ARRAYS, (int(first), 5, 7, 0), (1, 2))]
 
 
 @pytest.mark.oracle
 def test_box_and_muller_by_the_mathematical_library():
-    words = philox((np.arange(20_000), 1, 2, 0), seed_key(SEED))
+    words = philox(ARRAYS, (np.arange(20_000), 1, 2, 0), seed_key(SEED))
     first, second = (((words[k] << np.uint64(21)) ^ (words[k + 1] >> np.uint64(11))) + 1.0 for k in (0, 2))
     expected = np.sqrt(-2.0 * np.log(first * 2.0**-53)) * np.cos(2.0 * np.pi * second * 2.0**-53)
     np.testing.assert_allclose(normal_numbers(SEED, np.arange(20_000), 1, 2), expected, rtol=0, atol=4e-15)

@@ -5,14 +5,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from operator import methodcaller
 from pathlib import Path
 
 import casadi
+import numpy as np
 import pytest
+from scipy import special
 from tests.refusals import refused_with
 
-from flexhinf.codegen.operations import OPERATIONS, register
+from flexhinf.codegen import operations
+from flexhinf.codegen.dependence import elementary, linear, switches, varying
+from flexhinf.codegen.operations import OPERATIONS, OperationKind, nowhere, register
 from flexhinf.errors import InvalidInput
+from flexhinf.scalars import Jet, Symbol, coefficients, jets, trace
 
 #: A loop with the operation, as machine code and as C: its first input, and what the C calls.
 LOOP = """
@@ -70,3 +78,50 @@ def test_the_printed_file_adds_it(repository: Path, tmp_path: Path) -> None:
 def test_sine_is_no_row_that_others_replace() -> None:
     with refused_with(InvalidInput, "OP_SIN", "codegen/c/templates/turning.c"):
         register(OPERATIONS[casadi.OP_SIN])
+
+
+@pytest.fixture
+def inverse() -> Iterator[OperationKind]:
+    """A row of CasADi's inverse of erf, which no file of the package has, and which states neither kinks nor poles."""
+    code, numpy = casadi.OP_ERFINV, special.erfinv
+    yield OperationKind(code, numpy, lambda w, x: w.library("erfinv", x), "erfinv{f}({0.bare})", costs=True)
+    for kept in (OPERATIONS, operations._ADDED):
+        kept.pop(code)
+    for codes in (operations.COSTLY, operations.LINEAR, operations.ELEMENTARY):
+        codes.discard(code)
+    for element in (Symbol, Jet):
+        delattr(element, numpy.__name__)
+
+
+@pytest.mark.oracle
+def test_an_operation_that_does_not_say_where_it_switches_counts_as_able_to(inverse: OperationKind) -> None:
+    register(inverse)
+    z, erfinv = casadi.SX.sym("z", 2), np.frompyfunc(methodcaller("erfinv"), 1, 1)
+    function = trace(lambda x: np.array([erfinv(3.0 * x[0]) + x[1], x[1]]), 2)
+    value = function(z)
+    assert casadi.jacobian(switches(value, z), z).sparsity().row() != []
+    assert (elementary(function), linear(function)) == (False, False)
+    point = jets([0.3], 2)
+    with refused_with(InvalidInput, "erfinv", "nowhere"):
+        erfinv(point)
+
+    register(replace(inverse, switches=nowhere, poles=lambda x: [1.0 - x**2]))
+    assert switches(value, z, poles=False).numel() == 0
+    [pole] = casadi.Function("pole", [z], [switches(value, z)])([1.0 / 3.0, 0.0]).elements()
+    assert pole == pytest.approx(0.0, abs=1e-15)
+    y = float(special.erfinv(0.3))
+    slope = np.sqrt(np.pi) / 2.0 * np.exp(y**2)
+    assert coefficients(erfinv(point), 1, 2)[0] == pytest.approx([y, slope, y * slope**2])
+
+
+def test_a_constant_is_trusted_only_where_each_operation_says_that_it_is_smooth(
+    inverse: OperationKind,
+) -> None:
+    register(inverse)
+    z, found = casadi.SX.sym("z", 2), list[bool]()
+    half = 0.5 + casadi.cos(z[0] + z[1]) - casadi.cos(z[1] + z[0])
+    same = casadi.SX.unary(casadi.OP_ERFINV, half)
+    for row in (inverse, replace(inverse, switches=nowhere)):
+        register(row)
+        found.append(bool(varying(same, z, casadi.SX(1.0)).item()))
+    assert found == [True, False]

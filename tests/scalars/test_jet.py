@@ -416,14 +416,14 @@ def test_casadis_derivatives_of_two_operands_expand_as_the_angle_does(number):
 
 
 def test_an_operation_that_is_added_is_refused_where_it_has_no_expansion(monkeypatch):
-    for name, code, operands in (("cube_log", ca.OP_LOG, 1), ("fmod", ca.OP_FMOD, 2)):
+    for name, code, operands, refusal in (("cube_log", ca.OP_LOG, 1, ""), ("fmod", ca.OP_FMOD, 2, "another")):
         monkeypatch.setattr(Jet, name, None, raising=False)
         delattr(Jet, name)
-        expand(name, code, operands)
+        expand(name, code, operands, refusal)
     [x] = jets([0.0], 2)
     with refused_with(InvalidInput, "cube_log", 2):
         x.cube_log()
-    with refused_with(InvalidInput, "fmod"):
+    with refused_with(InvalidInput, "fmod", "another"):
         x.fmod(2.0)
     kept = Jet.sin
     expand("sin", ca.OP_COS, 1)

@@ -65,11 +65,11 @@ import numpy as np
 
 from flexhinf.arrays import Elements
 from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE, PlacedLaw, equilibrium_of
+from flexhinf.codegen.dependence import linear
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.plant.joints import GravityTorque, elastic_joints
 from flexhinf.scalars import apply, digest
-from flexhinf.scalars.trace import linear
 from flexhinf.validation import checked_positive, real_array
 
 #: What the fixed number of turns leaves of ḡ, relative to the weight.

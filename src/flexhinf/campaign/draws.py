@@ -29,7 +29,7 @@ from typing import Any, Protocol, cast, runtime_checkable
 import numpy as np
 
 from flexhinf.campaign.samples import Columns, Sample, SampleColumns, UniformColumns
-from flexhinf.codegen.noise import philox, seed_key
+from flexhinf.codegen.noise import ARRAYS, philox, seed_key
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.validation import checked_kind, checked_text, distinct, is_real, one_of, value_text
 
@@ -420,13 +420,15 @@ def sample_seed(seed: int, index: int) -> int:
 
 def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
     """Seeds of the measurement noise of several samples, (N,) of 64 bits."""
-    bits = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
+    bits = philox(ARRAYS, (0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
     return bits[0] << np.uint64(32) | bits[1]
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
     if method == "random":
-        random = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
+        random = philox(
+            ARRAYS, (indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed)
+        )
         bits = (random[0] << np.uint64(21)) ^ (random[1] >> np.uint64(11))
         return np.minimum((bits.astype(float) + 0.5) * 2.0**-53, 1.0 - 2.0**-53)
     if method == "latin-hypercube":

@@ -19,10 +19,13 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from inspect import Parameter, signature
 from math import prod
-from typing import Any
+from typing import Any, TypeVar
 
+import casadi
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Part, Slice
 from flexhinf.codegen.program import (
     Call,
@@ -41,12 +44,18 @@ from flexhinf.codegen.program import (
 
 SCRATCH = "scratch"
 
+#: A function of arrays, or of a run and arrays.
+Traceable = TypeVar("Traceable", bound=Callable[..., object])
 
-def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+#: Traced, the shapes of its results, and whether these are several.
+TracedPiece = tuple[casadi.Function, list[tuple[int, ...]], bool]
+
+
+def gives(*names: str) -> Callable[[Traceable], Traceable]:
     """Names of a function's results, for C; one that begins with ``*`` stands for any number of them."""
 
-    def named(function: Callable[..., Any]) -> Callable[..., Any]:
-        function.results = names  # type: ignore[attr-defined]
+    def named(function: Traceable) -> Traceable:
+        function.results = names  # pyright: ignore[reportFunctionMemberAccess]  # for `result_names`
         return function
 
     return named
@@ -163,8 +172,8 @@ class Composer:
         self.parts: list[Part] = []
         self._names = Counter[str]()
         self._about = ""
-        self._pieces: dict[Hashable, tuple[Any, list[tuple[int, ...]], bool]] = {}
-        self._kept: list[Any] = []
+        self._pieces = dict[Hashable, TracedPiece]()
+        self._kept = list[object]()
 
     @property
     def buffers(self) -> tuple[Buffer, ...]:
@@ -331,7 +340,7 @@ class Composer:
 
     # Inside ----------------------------------------------------------------------------------------
     def _results(
-        self, function: Callable[..., Any], shapes: Sequence[tuple[int, ...]], order: Order = "C"
+        self, function: Callable[..., object], shapes: Sequence[tuple[int, ...]], order: Order = "C"
     ) -> list[Block]:
         """Memory for the results of a function, by its name."""
         names = [self._new_name(name) for name in result_names(function, len(shapes))]
@@ -357,10 +366,10 @@ class Composer:
         self.body.append(OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric))
         return target
 
-    def _block(self, array: Any) -> Block:
+    def _block(self, array: Block | ArrayLike) -> Block:
         return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
 
-    def _weights(self, weights: Any) -> Block | None:
+    def _weights(self, weights: Block | ArrayLike) -> Block | None:
         ones = not isinstance(weights, Block) and np.all(np.equal(weights, 1.0))
         return None if ones else self._block(weights)
 
@@ -371,8 +380,11 @@ class Composer:
         return self.columns(_same, block, into=(target,))
 
     def _traced(
-        self, function: Callable[..., Any], arrays: Sequence[Any], shapes: Sequence[tuple[int, ...] | None]
-    ) -> tuple[Any, list[tuple[int, ...]], bool]:
+        self,
+        function: Callable[..., object],
+        arrays: Sequence[object],
+        shapes: Sequence[tuple[int, ...] | None],
+    ) -> TracedPiece:
         """A function of the blocks among the arrays, the shapes of its results, and whether they are several.
 
         `shapes`: A shape instead of the array's own, or None.
@@ -400,7 +412,7 @@ class Composer:
             columns = iter(s.T if flip else s for s, flip in zip(symbols, flipped))
             results = function(*(next(columns) if isinstance(array, Block) else array for array in arrays))
             several = isinstance(results, tuple)
-            results = tuple(map(np.asarray, results if several else (results,)))
+            results = tuple(map(np.asarray, results if isinstance(results, tuple) else (results,)))
             seen[:] = [result.shape for result in results]
             return tuple(result for result in results if result.size)
 
@@ -421,7 +433,9 @@ class _ColumnComposer(Composer):
     def __init__(self, outside: Composer) -> None:
         super().__init__()
         self._outside, self._names = outside, outside._names
-        self._divisions: dict[Hashable, tuple[Any, Any, tuple[bool, ...]]] = {}
+        self._divisions = dict[
+            Hashable, tuple[casadi.Function | None, casadi.Function | None, tuple[bool, ...]]
+        ]()
         self._parts: dict[Hashable, tuple[tuple[Slice, ...], list[Block]]] = {}
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
@@ -476,14 +490,14 @@ class _ColumnComposer(Composer):
         return self._parts[key, held]
 
 
-def function_name(function: Any) -> str:
+def function_name(function: Callable[..., object]) -> str:
     """A name that CasADi takes: letters, without two underscores in a row, and no keyword."""
     plain = _plain(function)
     parts = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
     return "piece" if parts in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(parts)
 
 
-def result_names(function: Any, count: int) -> list[str]:
+def result_names(function: Callable[..., object], count: int) -> list[str]:
     """Names of the results of a function: as it says, or by its own name."""
     said = getattr(function, "results", getattr(_plain(function), "results", ()))
     more = count + 1 - len(said)
@@ -498,14 +512,14 @@ def _numbered(name: str, count: int) -> list[str]:
     return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
 
 
-def _plain(function: Any) -> Any:
+def _plain(function: Callable[..., object]) -> Callable[..., object]:
     """The function inside of partial ones."""
     while isinstance(function, partial):
         function = function.func
     return function
 
 
-def documentation(function: Any) -> str:
+def documentation(function: Callable[..., object]) -> str:
     """What a function of ours says of itself."""
     plain = _plain(function)
     written = plain if hasattr(plain, "__name__") else type(plain).__call__
@@ -513,7 +527,7 @@ def documentation(function: Any) -> str:
     return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
 
 
-def _argument_names(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
+def _argument_names(function: Callable[..., object], arrays: Sequence[object]) -> tuple[str, ...]:
     """Names of the parameters of a function that take the blocks among some arrays; none where they are not known."""
     try:
         parameters = list(signature(function).parameters.values())
@@ -528,18 +542,20 @@ def _argument_names(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
     )
 
 
-def _names(function: Any, arrays: Sequence[Any], filled: Sequence[bool]) -> tuple[str, ...]:
+def _names(
+    function: Callable[..., object], arrays: Sequence[object], filled: Sequence[bool]
+) -> tuple[str, ...]:
     """Those of the arguments, and where these are known, of the results that have elements."""
     known = _argument_names(function, arrays)
     results = zip(result_names(function, len(filled)), filled)
     return (*known, *(name for name, full in results if full)) if known else ()
 
 
-def _constants(array: Any) -> Any:
+def _constants(array: Elements) -> Elements:
     """Constants."""
     return array
 
 
-def _same(column: Any) -> Any:
+def _same(column: Elements) -> Elements:
     """A copy in another order."""
     return column

@@ -17,9 +17,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, overload
+from typing import ClassVar, Protocol, TypeVar, overload
 
 import numpy as np
+
+#: In a class that has a method `float`.
+Real = float
 
 ROUNDS = 10
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
@@ -43,6 +46,37 @@ LOGARITHM = (
 SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10, 0, -1))
 #: A whole turn in units of 2⁻⁵³ of it, rad each.
 TURN = 2.0 * math.pi * 2.0**-53
+
+#: What stands for 64-bit integers or numbers: arrays of them, or the name of a value in a text.
+Word = TypeVar("Word")
+
+
+class Arithmetic(Protocol[Word]):
+    """What the algorithm needs: operations of LLVM by their names, of words and constants; see `Arrays`."""
+
+    def whole(self, operation: str, left: Word | int, right: Word | int, /) -> Word:
+        """Of integers, unsigned but for "ashr"."""
+        ...
+
+    def real(self, operation: str, left: Word | float, right: Word | float, /) -> Word:
+        """Of numbers."""
+        ...
+
+    def to_float(self, integer: Word, /) -> Word:
+        """A signed integer of at most 53 bits as a number, exactly."""
+        ...
+
+    def bits(self, number: Word, /) -> Word:
+        """The bits of a number."""
+        ...
+
+    def float(self, bits: Word, /) -> Word:
+        """The number of these bits."""
+        ...
+
+    def root(self, number: Word, /) -> Word:
+        """The square root."""
+        ...
 
 
 @overload
@@ -70,29 +104,34 @@ class Arrays:
         "lshr": np.right_shift,
         "ashr": lambda left, right: (left.view(np.int64) >> right.view(np.int64)).view(np.uint64),
     }
-    REAL: ClassVar = {"fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide}
+    REAL: ClassVar[dict[str, np.ufunc]] = {
+        "fadd": np.add,
+        "fsub": np.subtract,
+        "fmul": np.multiply,
+        "fdiv": np.divide,
+    }
 
-    def whole(self, name: str, left: Any, right: Any) -> Any:
+    def whole(self, operation: str, left: np.ndarray | int, right: np.ndarray | int, /) -> np.ndarray:
         """An operation on integers, unsigned but for "ashr"."""
-        return self.WHOLE[name](np.asarray(left, np.uint64), np.asarray(right, np.uint64))
+        return self.WHOLE[operation](np.asarray(left, np.uint64), np.asarray(right, np.uint64))
 
-    def real(self, name: str, left: Any, right: Any) -> Any:
+    def real(self, operation: str, left: np.ndarray | Real, right: np.ndarray | Real, /) -> np.ndarray:
         """An operation on numbers."""
-        return self.REAL[name](left, right)
+        return self.REAL[operation](left, right)
 
-    def to_float(self, integer: Any) -> Any:
+    def to_float(self, integer: np.ndarray, /) -> np.ndarray:
         """A signed integer of at most 53 bits as a number, exactly."""
         return integer.view(np.int64).astype(float)
 
-    def bits(self, number: Any) -> Any:
+    def bits(self, number: np.ndarray, /) -> np.ndarray:
         """The bits of a number."""
         return number.view(np.uint64)
 
-    def float(self, bits: Any) -> Any:
+    def float(self, bits: np.ndarray, /) -> np.ndarray:
         """The number of these bits."""
         return bits.view(np.float64)
 
-    def root(self, number: Any) -> Any:
+    def root(self, number: np.ndarray, /) -> np.ndarray:
         """The square root."""
         return np.sqrt(number)
 
@@ -100,7 +139,7 @@ class Arrays:
 ARRAYS = Arrays()
 
 
-def philox(counter: Sequence[Any], key: Sequence[Any], run: Any = ARRAYS) -> list[Any]:
+def philox(run: Arithmetic[Word], counter: Sequence[Word | int], key: Sequence[Word | int]) -> list[Word]:
     """Four random words of 32 bits, in 64, for each counter of four such words; the key has two.
 
     Arguments are integers, or integer arrays that broadcast. In between, what is above 32 bits means nothing.
@@ -121,9 +160,9 @@ def philox(counter: Sequence[Any], key: Sequence[Any], run: Any = ARRAYS) -> lis
     return [run.whole("and", word, LOW) for word in block]
 
 
-def normal(run: Any, counter: Sequence[Any], key: Sequence[Any]) -> Any:
+def normal(run: Arithmetic[Word], counter: Sequence[Word | int], key: Sequence[Word | int]) -> Word:
     """A number N(0, 1) for each counter, by Box and Muller's transform of 53-bit uniforms. Nothing is fused."""
-    block = philox(counter, key, run)
+    block = philox(run, counter, key)
     first, second = (  # n of two uniform numbers n/2⁵³, 1 … 2⁵³, as integers
         run.whole("add", run.whole("xor", run.whole("shl", high, 21), run.whole("lshr", low, 11)), 1)
         for high, low in (block[:2], block[2:])
@@ -131,7 +170,9 @@ def normal(run: Any, counter: Sequence[Any], key: Sequence[Any]) -> Any:
     return run.real("fmul", run.root(run.real("fmul", _logarithm(run, first), -2.0)), _cosine(run, second))
 
 
-def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarray:
+def normal_numbers(
+    seed: int, step: np.ndarray | int, channel: np.ndarray | int, sample: np.ndarray | int
+) -> np.ndarray:
     """Independent N(0, 1) numbers, by Box and Muller's transform of 53-bit uniforms.
 
     Parameters
@@ -149,14 +190,14 @@ def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarra
     return normal(ARRAYS, (step, channel, sample, 0), seed_key(seed))
 
 
-def _polynomial(run: Any, coefficients: tuple[float, ...], x: Any) -> Any:
-    value = coefficients[0]
-    for coefficient in coefficients[1:]:
+def _polynomial(run: Arithmetic[Word], coefficients: tuple[float, ...], x: Word) -> Word:
+    value = run.real("fadd", run.real("fmul", coefficients[0], x), coefficients[1])
+    for coefficient in coefficients[2:]:
         value = run.real("fadd", run.real("fmul", value, x), coefficient)
     return value
 
 
-def _logarithm(run: Any, numerator: Any) -> Any:
+def _logarithm(run: Arithmetic[Word], numerator: Word) -> Word:
     """log(n/2⁵³)."""
     real, whole = run.real, run.whole
     above = whole("sub", run.bits(run.to_float(numerator)), SQRT_HALF)
@@ -173,7 +214,7 @@ def _logarithm(run: Any, numerator: Any) -> Any:
     return real("fsub", real("fmul", exponent, LN2[0]), small)
 
 
-def _cosine(run: Any, numerator: Any) -> Any:
+def _cosine(run: Arithmetic[Word], numerator: Word) -> Word:
     """cos(2π n/2⁵³)."""
     from_half = run.whole("sub", numerator, 1 << 52)
     negative = run.whole("ashr", from_half, 63)

@@ -1,4 +1,4 @@
-"""What an operation is, said once: its opcode, NumPy function, C and LLVM.
+"""What an operation is, said once: its opcode, NumPy function, C, LLVM, and where it switches.
 
 Every row follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them one by
 one, in NumPy, C and LLVM in lanes. Certificates compute with polynomials by the same rows. Derivatives are CasADi's.
@@ -25,7 +25,7 @@ import numpy as np
 from flexhinf.codegen.emit import sines
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.errors import refuse_if
-from flexhinf.scalars.jet import expand
+from flexhinf.scalars.jet import SMOOTH, expand
 from flexhinf.scalars.symbol import record
 from flexhinf.scalars.trace import NAMES
 
@@ -42,6 +42,34 @@ LlvmRule = (
 )
 #: The same on floats and arrays; sums and products on whatever has their operators.
 NumpyRule = Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any]
+#: Of the operands, expressions of CasADi: where one of those that it returns is zero, something is the case.
+Zeros = Callable[..., list[casadi.SX]]
+
+
+def nowhere(*operands: casadi.SX) -> list[casadi.SX]:
+    """Of what never is the case."""
+    return []
+
+
+def anywhere(*operands: casadi.SX) -> list[casadi.SX]:
+    """Of what may depend on each operand, as is assumed where nothing is stated."""
+    return list(operands)
+
+
+def _first(a: casadi.SX, *_: casadi.SX) -> list[casadi.SX]:
+    return [a]
+
+
+def _last(*operands: casadi.SX) -> list[casadi.SX]:
+    return [operands[-1]]
+
+
+def _gap(a: casadi.SX, b: casadi.SX) -> list[casadi.SX]:
+    return [a - b]
+
+
+def _branch_points(a: casadi.SX) -> list[casadi.SX]:
+    return [1.0 - a**2]
 
 
 @dataclass(frozen=True)
@@ -57,6 +85,11 @@ class OperationKind:
     between: they are values that were computed before. `near`, `alone`: LLVM for arguments that are not far, see
     `flexhinf.codegen.emit.sines`, and for those of which only one of sine and cosine is wanted. `costs`: It is as long
     as a call of a function, where others are a few instructions.
+
+    `switches`: Where it has a kink or jumps. `poles`: Where it has a pole, arctan(sin x / cos x) jumps at those, or a
+    branch point, √(x²) is |x| and arcsin(sin x) a triangle wave. What states neither counts as able to switch with each
+    operand, and no model that is expanded may have it. `angle`: It jumps by whole turns, so that its derivatives go on.
+    `linear`: Its result is a linear combination of its operands.
     """
 
     code: int
@@ -70,6 +103,20 @@ class OperationKind:
     near: LlvmRule | None = None
     alone: LlvmRule | None = None
     costs: bool = False
+    switches: Zeros = anywhere
+    poles: Zeros = anywhere
+    angle: bool = False
+    linear: bool = False
+
+    @property
+    def operands(self) -> int:
+        """How many there are."""
+        return len(set(re.findall(r"\{(\d)", self.c)))
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it switches nowhere."""
+        return not self.switches(*(casadi.SX.sym(f"x{k}") for k in range(self.operands)))
 
     @property
     def name(self) -> str:
@@ -77,7 +124,28 @@ class OperationKind:
         return getattr(self.numpy, "__name__", "")
 
 
-def _library(name: str, numpy: NumpyRule, operands: int = 1, code: int | None = None) -> OperationKind:
+def _smooth(
+    code: int,
+    numpy: NumpyRule,
+    llvm: LlvmRule,
+    c: str,
+    named: bool = False,
+    linear: bool = False,
+    poles: Zeros = nowhere,
+) -> OperationKind:
+    """A sum or a product."""
+    return OperationKind(code, numpy, llvm, c, named=named, linear=linear, switches=nowhere, poles=poles)
+
+
+def _library(
+    name: str,
+    numpy: NumpyRule,
+    operands: int = 1,
+    code: int | None = None,
+    switches: Zeros = nowhere,
+    poles: Zeros = nowhere,
+    angle: bool = False,
+) -> OperationKind:
     """A function of the C library."""
     arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
 
@@ -91,10 +159,20 @@ def _library(name: str, numpy: NumpyRule, operands: int = 1, code: int | None = 
         f"{name}{{f}}({arguments})",
         library=name,
         costs=True,
+        switches=switches,
+        poles=poles,
+        angle=angle,
     )
 
 
-def _instruction(name: str, numpy: NumpyRule, operands: int = 1, costs: bool = False) -> OperationKind:
+def _instruction(
+    name: str,
+    numpy: NumpyRule,
+    switches: Zeros,
+    operands: int = 1,
+    costs: bool = False,
+    poles: Zeros = nowhere,
+) -> OperationKind:
     """A single instruction, by the name that it has as a function in C and as an intrinsic in LLVM."""
     arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
     code = getattr(casadi, f"OP_{name.upper()}")
@@ -102,7 +180,8 @@ def _instruction(name: str, numpy: NumpyRule, operands: int = 1, costs: bool = F
     def called(w: Writer, *x: str) -> str:
         return w.intrinsic(name, *x)
 
-    return OperationKind(code, numpy, called, f"{name}{{f}}({arguments})", costs=costs)
+    c = f"{name}{{f}}({arguments})"
+    return OperationKind(code, numpy, called, c, costs=costs, switches=switches, poles=poles)
 
 
 def _turn(name: str, numpy: NumpyRule) -> OperationKind:
@@ -115,6 +194,8 @@ def _turn(name: str, numpy: NumpyRule) -> OperationKind:
         near=lambda w, x: sines.turn(w, name, x, "near"),
         alone=lambda w, x: sines.turn(w, name, x, "alone"),
         costs=True,
+        switches=nowhere,
+        poles=nowhere,
     )
 
 
@@ -122,7 +203,7 @@ def _compared(code: int, numpy: NumpyRule, predicate: str, c: str) -> OperationK
     def llvm(w: Writer, a: str, b: str) -> str:
         return w.number(w.compare(predicate, a, b))
 
-    return OperationKind(code, numpy, llvm, f"{{0}} {c} {{1}}", truth=True)
+    return OperationKind(code, numpy, llvm, f"{{0}} {c} {{1}}", truth=True, switches=_gap, poles=nowhere)
 
 
 def _logical(code: int, numpy: NumpyRule, name: str, c: str) -> OperationKind:
@@ -131,7 +212,10 @@ def _logical(code: int, numpy: NumpyRule, name: str, c: str) -> OperationKind:
     def llvm(w: Writer, a: str, b: str) -> str:
         return w.number(w.let(f"{name} {w.lanes.boolean} {w.truth(a)}, {w.truth(b)}"))
 
-    return OperationKind(code, numpy, llvm, f"{{0}} {c} {{1}}", truth=True, logic=True, named=True)
+    c = f"{{0}} {c} {{1}}"
+    return OperationKind(
+        code, numpy, llvm, c, truth=True, logic=True, named=True, switches=anywhere, poles=nowhere
+    )
 
 
 def _extremum(code: int, numpy: NumpyRule, better: str, c: str) -> OperationKind:
@@ -141,9 +225,8 @@ def _extremum(code: int, numpy: NumpyRule, better: str, c: str) -> OperationKind
         beaten, missing = w.compare(better, b, a), w.compare("uno", a, a)
         return w.select(w.let(f"or {w.lanes.boolean} {beaten}, {missing}"), b, a)
 
-    return OperationKind(
-        code, numpy, llvm, f"(({{1}} {c} {{0}}) || (isnan({{0}}) != 0)) ? {{1}} : {{0}}", named=True
-    )
+    c = f"(({{1}} {c} {{0}}) || (isnan({{0}}) != 0)) ? {{1}} : {{0}}"
+    return OperationKind(code, numpy, llvm, c, named=True, switches=_gap, poles=nowhere)
 
 
 def _sign(w: Writer, x: str) -> str:
@@ -174,30 +257,35 @@ def _remainder(x: Any, y: Any) -> Any:
 
 _TABLE = (
     # sums and products
-    OperationKind(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}"),
-    OperationKind(casadi.OP_ADD, operator.add, lambda w, a, b: w.real("fadd", a, b), "{0} + {1}"),
-    OperationKind(casadi.OP_SUB, operator.sub, lambda w, a, b: w.real("fsub", a, b), "{0} - {1}"),
-    OperationKind(casadi.OP_MUL, operator.mul, lambda w, a, b: w.real("fmul", a, b), "{0} * {1}"),
-    OperationKind(casadi.OP_DIV, np.divide, lambda w, a, b: w.real("fdiv", a, b), "{0} / {1}"),
-    OperationKind(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}"),
-    OperationKind(casadi.OP_SQ, lambda x: x * x, lambda w, x: w.real("fmul", x, x), "{0} * {0}", named=True),
-    OperationKind(
-        casadi.OP_TWICE, lambda x: x + x, lambda w, x: w.real("fadd", x, x), "{0} + {0}", named=True
+    _smooth(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}", linear=True),
+    _smooth(casadi.OP_ADD, operator.add, lambda w, a, b: w.real("fadd", a, b), "{0} + {1}", linear=True),
+    _smooth(casadi.OP_SUB, operator.sub, lambda w, a, b: w.real("fsub", a, b), "{0} - {1}", linear=True),
+    _smooth(casadi.OP_MUL, operator.mul, lambda w, a, b: w.real("fmul", a, b), "{0} * {1}"),
+    _smooth(casadi.OP_DIV, np.divide, lambda w, a, b: w.real("fdiv", a, b), "{0} / {1}", poles=_last),
+    _smooth(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}", linear=True),
+    _smooth(casadi.OP_SQ, lambda x: x * x, lambda w, x: w.real("fmul", x, x), "{0} * {0}", named=True),
+    _smooth(
+        casadi.OP_TWICE,
+        lambda x: x + x,
+        lambda w, x: w.real("fadd", x, x),
+        "{0} + {0}",
+        named=True,
+        linear=True,
     ),
-    OperationKind(casadi.OP_INV, np.reciprocal, lambda w, x: w.real("fdiv", 1.0, x), "{one} / {0}"),
-    OperationKind(
+    _smooth(casadi.OP_INV, np.reciprocal, lambda w, x: w.real("fdiv", 1.0, x), "{one} / {0}", poles=_last),
+    _smooth(
         MULTIPLY_ADD,
         lambda a, b, c: a * b + c,
         lambda w, a, b, c: w.intrinsic("fma", a, b, c),
         "FMA({0.bare}, {1.bare}, {2.bare})",
     ),
-    OperationKind(
+    _smooth(
         MULTIPLY_SUBTRACT,
         lambda a, b, c: a * b - c,
         lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
         "FMA({0.bare}, {1.bare}, -{2})",
     ),
-    OperationKind(
+    _smooth(
         SUBTRACT_PRODUCT,
         lambda a, b, c: c - a * b,
         lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
@@ -210,6 +298,8 @@ _TABLE = (
         _sign,
         "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
         named=True,
+        switches=_first,
+        poles=nowhere,
     ),
     _extremum(casadi.OP_FMIN, np.fmin, "olt", "<"),
     _extremum(casadi.OP_FMAX, np.fmax, "ogt", ">"),
@@ -224,25 +314,32 @@ _TABLE = (
         "!{0}",
         truth=True,
         logic=True,
+        switches=_first,
+        poles=nowhere,
     ),
     _logical(casadi.OP_AND, np.logical_and, "and", "&&"),
     _logical(casadi.OP_OR, np.logical_or, "or", "||"),
     OperationKind(
-        SELECT, np.where, lambda w, flag, a, b: w.select(w.truth(flag), a, b), "{0.choice} ? {1} : {2}"
+        SELECT,
+        np.where,
+        lambda w, flag, a, b: w.select(w.truth(flag), a, b),
+        "{0.choice} ? {1} : {2}",
+        switches=_first,
+        poles=nowhere,
     ),
     # functions
-    _instruction("sqrt", np.sqrt, costs=True),
-    _instruction("fabs", np.fabs),
-    _instruction("floor", np.floor),
-    _instruction("ceil", np.ceil),
-    _instruction("copysign", np.copysign, 2),
+    _instruction("sqrt", np.sqrt, nowhere, costs=True, poles=_last),
+    _instruction("fabs", np.fabs, _first),
+    _instruction("floor", np.floor, _first),
+    _instruction("ceil", np.ceil, _first),
+    _instruction("copysign", np.copysign, anywhere, 2),
     _turn("sin", np.sin),
     _turn("cos", np.cos),
-    _library("tan", np.tan),
-    _library("asin", np.arcsin),
-    _library("acos", np.arccos),
+    _library("tan", np.tan, poles=_last),
+    _library("asin", np.arcsin, poles=_branch_points),
+    _library("acos", np.arccos, poles=_branch_points),
     _library("atan", np.arctan),
-    _library("atan2", np.arctan2, 2),
+    _library("atan2", np.arctan2, 2, switches=_first, angle=True),
     _library("sinh", np.sinh),
     _library("cosh", np.cosh),
     _library("tanh", np.tanh),
@@ -257,8 +354,8 @@ _TABLE = (
     _library("pow", np.power, 2),
     _library("pow", np.power, 2, casadi.OP_CONSTPOW),
     _library("hypot", np.hypot, 2),
-    _library("fmod", np.fmod, 2),
-    _library("remainder", _remainder, 2),
+    _library("fmod", np.fmod, 2, switches=anywhere),
+    _library("remainder", _remainder, 2, switches=anywhere),
 )
 
 #: The table, by opcode.
@@ -267,8 +364,14 @@ OPERATIONS = dict[int, OperationKind]()
 #: Those that are truth values; of truth values; comparisons of numbers; and as long as a call of a function.
 TRUTHS, LOGIC, COMPARISONS, COSTLY = set[int](), set[int](), set[int](), set[int]()
 
+#: Those that are linear; and arithmetic, sine and cosine.
+LINEAR, ELEMENTARY = set[int](), set[int]()
+
 #: Sine and cosine, which have forms for arguments that are not far, and their names.
 TURNS = {row.code: row.c.partition("{")[0] for row in _TABLE if row.near is not None}
+
+#: What a model does where an operation does not say whether it switches.
+UNSTATED = "a row of the operation that states `switches` and `poles`: `nowhere` if it is smooth, see CONTRIBUTING.md"
 
 #: Rows that other files registered.
 _ADDED = dict[int, OperationKind]()
@@ -277,7 +380,8 @@ _ADDED = dict[int, OperationKind]()
 def _enter(row: OperationKind) -> None:
     OPERATIONS[row.code] = row
     kinds = (TRUTHS, row.truth), (LOGIC, row.logic), (COMPARISONS, row.truth and not row.logic)
-    for codes, belongs in (*kinds, (COSTLY, row.costs)):
+    elementary = row.smooth and (row.code in TURNS or not row.costs)
+    for codes, belongs in (*kinds, (COSTLY, row.costs), (LINEAR, row.linear), (ELEMENTARY, elementary)):
         (codes.add if belongs else codes.discard)(row.code)
 
 
@@ -287,7 +391,7 @@ for _row in _TABLE:
 
 def register(row: OperationKind) -> None:
     """Add an operation of CasADi, or put it in the place of its row. The function of NumPy, if `numpy` is one, then
-    records it on symbols, and expands it where models are linearised or expanded.
+    records it on symbols, and expands it where models are linearised or expanded, unless it switches.
 
     Raises InvalidInput: for sine and cosine, which are written whole in C too.
     """
@@ -301,7 +405,8 @@ def register(row: OperationKind) -> None:
     _ADDED[row.code] = row
     if isinstance(row.numpy, np.ufunc):
         record(row.name, row.code, row.numpy.nin)
-        expand(row.name, row.code, row.numpy.nin)
+        refusal = UNSTATED if row.switches is anywhere else SMOOTH
+        expand(row.name, row.code, row.numpy.nin, "" if row.smooth or row.angle else refusal)
 
 
 def written_by_others() -> str:
@@ -309,6 +414,6 @@ def written_by_others() -> str:
     texts = list[str]()
     for row, width in product(_ADDED.values(), (1, 2)):
         writer = Writer(ModuleText(Lanes(width)))
-        operands = [f"%in{k}" for k in sorted(set(re.findall(r"\{(\d)", row.c)))]
+        operands = [f"%in{k}" for k in range(row.operands)]
         texts.append(f"{row.code} {row.llvm(writer, *operands)} {writer.lines} {writer.module}")
     return "\n".join(texts)

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import groupby
-from typing import Any, get_args
+from typing import TypeVar
 
 import casadi
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice, overlap
 from flexhinf.codegen.program import (
@@ -58,6 +59,10 @@ SUMS = "sums"
 Place = tuple[str, int]
 
 
+#: A kind of step.
+Of = TypeVar("Of", bound=Step)
+
+
 def straightened(program: Program, tolerance: float) -> Program:
     """The same program in longer functions; its steps have slices without strides and shifts, and one lane.
 
@@ -72,7 +77,7 @@ class _Straight:
         self.work = {buffer.name for buffer in whole.buffers if buffer.role == "work"} | {COLUMN}
         self.parts = {(buffer.name, part.offset): part for buffer in whole.buffers for part in buffer.parts}
         self.calls = Counter(hash(step.function) for step in _all(whole.body) if isinstance(step, Call))
-        self.factors: dict[int, Any] = {}
+        self.factors = dict[int, casadi.Function]()
 
     def program(self) -> Program:
         """The program with its memory moved together."""
@@ -129,7 +134,7 @@ class _Straight:
             return step
         if n not in self.factors:
 
-            def factor(matrix: Any) -> Any:
+            def factor(matrix: Elements) -> Elements:
                 return cholesky(matrix.reshape(n, n), self.tolerance).T.ravel()
 
             self.factors[n] = trace(factor, n * n, name="factor")
@@ -224,9 +229,9 @@ class _Text:
 
     def __init__(self, memory: _Straight) -> None:
         self._memory = memory
-        self.before: dict[Place, Any] = {}  # what is read from memory
-        self.now: dict[Place, Any] = {}  # what has changed
-        self.stages: list[tuple[TracedStage, list[Any]]] = []
+        self.before: dict[Place, casadi.SX] = {}  # what is read from memory
+        self.now: dict[Place, casadi.SX] = {}  # what has changed
+        self.stages: list[tuple[TracedStage, list[casadi.SX]]] = []
 
     def add(self, step: Step, about: str) -> None:
         """Evaluate one more step; `about`: what begins with it, or nothing."""
@@ -266,7 +271,11 @@ class _Text:
         return staged_call(name, inputs, outputs, stages, ends, (read, written), called)
 
     def _evaluate(
-        self, function: Any, arguments: Iterable[list[Any]], written: Sequence[Sequence[Place]], about: str
+        self,
+        function: casadi.Function,
+        arguments: Iterable[list[casadi.SX]],
+        written: Sequence[Sequence[Place]],
+        about: str,
     ) -> None:
         results = function.call([casadi.vertcat(*values) for values in arguments])
         flat = [[result[k] for k in range(result.numel())] for result in results]
@@ -275,25 +284,25 @@ class _Text:
         numbers = [value for values in flat for value in values]
         self._keep(function.name(), about, numbers, [place for places in written for place in places])
 
-    def _keep(self, name: str, about: str, values: list[Any], places: Iterable[Place]) -> None:
+    def _keep(self, name: str, about: str, values: list[casadi.SX], places: Iterable[Place]) -> None:
         labels = tuple(map(self._memory.element, places))
         self.stages.append((TracedStage(name, about, labels=labels), values))
 
-    def _value_before(self, place: Place) -> Any:
+    def _value_before(self, place: Place) -> casadi.SX:
         if place not in self.before:
             self.before[place] = casadi.SX.sym(f"{place[0]}_{place[1]}")
         return self.before[place]
 
-    def _value(self, place: Place) -> Any:
+    def _value(self, place: Place) -> casadi.SX:
         return self.now[place] if place in self.now else self._value_before(place)
 
-    def _read(self, piece: Slice) -> list[Any]:
+    def _read(self, piece: Slice) -> list[casadi.SX]:
         return [self._value(place) for place in _places(piece)]
 
-    def _write(self, piece: Slice, values: Sequence[Any]) -> None:
+    def _write(self, piece: Slice, values: Sequence[casadi.SX]) -> None:
         self.now |= dict(zip(_places(piece), values, strict=True))
 
-    def _is_before(self, place: Place, value: Any) -> bool:
+    def _is_before(self, place: Place, value: casadi.SX) -> bool:
         return place in self.before and casadi.is_equal(value, self.before[place])
 
 
@@ -306,13 +315,13 @@ def _labels(pieces: Sequence[Slice], memory: _Straight) -> tuple[str, ...]:
     return tuple(labels)
 
 
-def _sum(step: OuterSum, read: Callable[[Slice], list[Any]]) -> list[Any]:
+def _sum(step: OuterSum, read: Callable[[Slice], list[casadi.SX]]) -> list[casadi.SX]:
     """The target of a sum of outer products, in the order of its loops."""
     rows, columns = step.shape
     left, right = read(step.left), read(step.right)
     weights = None if step.weights is None else read(step.weights)
     plus = None if step.plus is None else read(step.plus)
-    total: dict[tuple[int, int], Any] = {}
+    total: dict[tuple[int, int], casadi.SX] = {}
     for i in range(rows):
         for j in range(columns):
             if step.symmetric and j < i:
@@ -327,7 +336,7 @@ def _sum(step: OuterSum, read: Callable[[Slice], list[Any]]) -> list[Any]:
     return [total[i, j] for i in range(rows) for j in range(columns)]
 
 
-def _operations(function: Any) -> int:
+def _operations(function: casadi.Function) -> int:
     others = (casadi.OP_CONST, casadi.OP_INPUT, casadi.OP_OUTPUT)
     return sum(code not in others for code, *_ in instructions(function))
 
@@ -402,17 +411,16 @@ def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
     return replace(whole, buffers=buffers, body=tuple(_moved(step, at) for step in body))
 
 
-def _moved(step: Any, at: Callable[[Slice], Slice]) -> Any:
+def _moved(step: Of, at: Callable[[Slice], Slice]) -> Of:
     """A step with every slice at its new place."""
 
-    def new(value: Any) -> Any:
+    def new(value: object) -> object:
         if isinstance(value, Slice):
             return at(value)
         if isinstance(value, Columns):
             return replace(value, whole=at(value.whole))
-        if isinstance(value, get_args(Step)):
+        if isinstance(value, Step):
             return _moved(value, at)
         return tuple(map(new, value)) if isinstance(value, tuple) else value
 
-    fields: Mapping[str, Any] = {name: getattr(step, name) for name in step.__dataclass_fields__}
-    return replace(step, **{name: new(value) for name, value in fields.items()})
+    return replace(step, **{field.name: new(getattr(step, field.name)) for field in fields(step)})

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT, gives
+from flexhinf.codegen.dependence import elementary, linear
 from flexhinf.errors import refuse_if
 from flexhinf.estimation.beliefs import BELIEFS
 from flexhinf.estimation.bounds import check_inside, checked_bounds
@@ -53,7 +54,6 @@ from flexhinf.scalars import (
     where,
 )
 from flexhinf.scalars.run import Run
-from flexhinf.scalars.trace import elementary, linear
 from flexhinf.validation import (
     checked_array,
     checked_kind,

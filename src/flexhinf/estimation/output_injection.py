@@ -43,6 +43,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
+from flexhinf.codegen.dependence import nonzero, sizes_of_rows, switches, varying
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.covariances import covariance_matrix
 from flexhinf.estimation.filter import RecursiveFilter, applied, beyond
@@ -51,7 +52,6 @@ from flexhinf.plant import Plant, known
 from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import where
 from flexhinf.scalars.run import Run
-from flexhinf.scalars.trace import nonzero, sizes_of_rows, switches, varying
 from flexhinf.validation import read_only, value_text
 
 

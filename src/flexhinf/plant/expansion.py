@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
+from flexhinf.codegen.dependence import linear, nonzero, sizes_of_rows, switches
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import Model
 from flexhinf.plant.parameters import Parameters
@@ -21,7 +22,6 @@ from flexhinf.plant.polynomial_plant import OWN, PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.truncated import degree_slice, size
 from flexhinf.scalars.jet import coefficients, jets, terms
-from flexhinf.scalars.trace import linear, nonzero, sizes_of_rows, switches
 from flexhinf.validation import value_text
 
 STATES, OTHER = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 
 import casadi as ca
 
-from flexhinf.scalars.trace import LINEAR, built, walk
+from flexhinf.scalars.trace import built, walk
 
 
 @dataclass
@@ -127,8 +128,15 @@ def _chosen(flag: _Deviated, a: _Deviated) -> ca.SX:
     return ca.if_else(flag.moved, kept, ca.if_else(flag.value, -a.value, 0.0))
 
 
-#: Differences by operation; of those in `LINEAR` it is the operation itself.
+def _linear(code: int, a: _Deviated) -> ca.SX:
+    return built(code, [a.difference])
+
+
+#: Differences by operation; that of a sum takes the terms of products apart.
 RULES: dict[int, Callable[..., ca.SX]] = {
+    **{code: partial(_linear, code) for code in (ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE)},
+    ca.OP_ADD: partial(_sum, ca.OP_ADD),
+    ca.OP_SUB: partial(_sum, ca.OP_SUB),
     ca.OP_MUL: _product,
     ca.OP_DIV: _quotient,
     ca.OP_SQ: _square,
@@ -160,13 +168,9 @@ def difference(function: ca.Function) -> ca.Function:
         value = built(code, [operand.value for operand in operands])
         if all(operand.moves is None for operand in operands):
             return _Deviated(value)
-        if code in (ca.OP_ADD, ca.OP_SUB):
-            return _Deviated(value, _sum(code, *operands))
         if code == ca.OP_MUL and once and all(operand.moves is not None for operand in operands):
             terms = _terms(*operands)
             return _Deviated(value, terms[0] + terms[1], terms)
-        if code in LINEAR:
-            return _Deviated(value, built(code, [operand.difference for operand in operands]))
         if code in RULES:
             return _Deviated(value, RULES[code](*operands))
         return _Deviated(value, built(code, [operand.moved for operand in operands]) - value)

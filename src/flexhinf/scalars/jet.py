@@ -29,7 +29,6 @@ from flexhinf.arrays import Element, Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import truncated
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
-from flexhinf.scalars.trace import SWITCHING
 
 
 def _termwise(
@@ -347,17 +346,18 @@ class Jet:
         return f"Jet({self.n} variables, degree {self.degree}, value {self.constant:.6g})"
 
 
-def expand(name: str, code: int, operands: int) -> None:
+#: Functions that came by `expand`.
+_EXPANDED = set[str]()
+
+
+def expand(name: str, code: int, operands: int, refusal: str = "") -> None:
     """Let NumPy's function of a name, of one operand or two, expand from now on, by CasADi's derivatives.
 
-    What a jet has of its own stays. An operation that is not smooth is refused by name, as others are.
+    What a jet has of its own stays. `refusal`: Refuse it by name instead, with this advice.
     """
-    if not hasattr(Jet, name):
-        setattr(
-            Jet,
-            name,
-            _refused(name) if code in SWITCHING.keys() - {ca.OP_ATAN2} else by_casadi(name, code, operands),
-        )
+    if name in _EXPANDED or not hasattr(Jet, name):
+        _EXPANDED.add(name)
+        setattr(Jet, name, _refused(name, refusal) if refusal else by_casadi(name, code, operands))
 
 
 def by_casadi(name: str, code: int, operands: int) -> Callable[..., Jet]:

@@ -7,15 +7,18 @@ rest and the inverse dynamics along a motion are traced from the code that every
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
 
+import casadi
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf import __version__
+from flexhinf.arrays import Element, Elements
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.rendering import c_values, render
@@ -113,8 +116,8 @@ class LiveArm:
     start: np.ndarray
     goal: np.ndarray
     extras: tuple[str, ...] = ()
-    noise: Any = 0.0
-    speed: Any = math.inf
+    noise: ArrayLike = 0.0
+    speed: ArrayLike = math.inf
     shortest: float = 0.0
     rival_time: float = 1.0
     workspace: bool = False
@@ -210,7 +213,7 @@ class LiveArm:
         rows = np.array([self.plant.parameters.vector(), *corners])
         return float(fastest_modes(self.plant, rows, x, u).max())
 
-    def _vector(self, values: Any) -> np.ndarray:
+    def _vector(self, values: Mapping[str, ArrayLike]) -> np.ndarray:
         return np.concatenate(
             [np.zeros(0), *(np.ravel(values[name]) for name in self.plant.parameters.names)]
         )
@@ -303,7 +306,7 @@ class LiveArm:
         return ", ".join(str(places.index(name)) for name in self.controller.commanded) or "0"
 
     @property
-    def _beginning(self) -> dict[str, Any]:
+    def _beginning(self) -> dict[str, str]:
         """How the controller begins: with the state of rest, in the names of its estimate, where it can be told."""
         if not self.code.starts_anywhere or self.code.belief is None:
             return {"estimate": "", "belief": "0"}
@@ -332,24 +335,25 @@ class LiveArm:
 
     # Traced functions ---------------------------------------------------------------------------------
     @cached_property
-    def _pack(self) -> Any:
+    def _pack(self) -> casadi.Function:
         names, table = self.numbers, self.plant.parameters.names
 
-        def pack(v: Any) -> Any:
+        def pack(v: Elements) -> Elements:
             packed = self.loaded.plant_parameters(dict(zip(names, v, strict=True)))
             return np.concatenate([np.ravel(packed[name]) for name in table])
 
         return trace(pack, len(names), name="pack", names=("v",))
 
     @cached_property
-    def _standstill(self) -> Any:
+    def _standstill(self) -> casadi.Function:
         """(q, p) → (x, u) at rest: exact for linear springs, without a coil's current; near it with other springs."""
         basic = self.robot.plant()
-        known: Any = standstill_function(self.plant) or standstill_function(basic)
+        known = standstill_function(self.plant) or standstill_function(basic)
+        assert known is not None  # of a robot's joints
         n = len(self.robot.joint_names)
         more = self.plant.n - basic.n
 
-        def standstill(q: Any, p: Any) -> Any:
+        def standstill(q: Elements, p: Elements) -> Elements:
             xu = apply(known, q, p)[0]
             size = len(xu) - n
             return np.concatenate([xu[:size], np.zeros(more if size == basic.n else 0), xu[size:]])
@@ -362,27 +366,29 @@ class LiveArm:
         return tuple(name for name in self.extras if name == "stiffness_curve")
 
     @cached_property
-    def _inverse(self) -> Any:
+    def _inverse(self) -> casadi.Function:
         robot, n = self.robot, len(self.robot.joint_names)
         flow = InverseFlow(robot.links, robot.drive, self._curve, robot.layout.rigid)
         table = ParameterTable(self.plant.parameters.values)
         more = np.zeros(self.plant.n - robot.layout.mechanical)
 
-        def inverse(q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> Any:
+        def inverse(
+            q: Elements, dq: Elements, ddq: Elements, dddq: Elements, ddddq: Elements, p: Elements
+        ) -> Elements:
             x, u = flow(q, dq, ddq, dddq, ddddq, table.named(p))
             return np.concatenate([x, more, u])
 
         return trace(inverse, *[n] * 5, table.size, name="inverse")
 
     @cached_property
-    def _frames(self) -> Any:
+    def _frames(self) -> casadi.Function:
         """q → for each link its rotation by rows, its origin, and the axis of its joint, in the world: (15 n,)."""
         tree = self.robot.links.tree
 
-        def frames(q: Any) -> Any:
-            turns: list[Any] = []
-            places: list[Any] = []
-            rows: list[Any] = []
+        def frames(q: Elements) -> Elements:
+            turns: list[Elements] = []
+            places: list[Elements] = []
+            rows: list[Element] = []
             for i, frame in enumerate(frames_of(tree, q)):
                 parent = tree.parents[i]
                 base, at = (np.eye(3), np.zeros(3)) if parent < 0 else (turns[parent], places[parent])
@@ -548,16 +554,16 @@ def _quantity(name: str, joints: Sequence[str]) -> tuple[str, str]:
     return known.get(name, (name, ""))
 
 
-def _listed(numbers: Any) -> str:
+def _listed(numbers: ArrayLike) -> str:
     """Numbers between commas, as C has them."""
     return ", ".join(constant(float(number), DOUBLE) for number in np.ravel(numbers))
 
 
-def _finite(numbers: Any) -> list[float | None]:
+def _finite(numbers: ArrayLike) -> list[float | None]:
     return [number if math.isfinite(number) else None for number in np.ravel(numbers).tolist()]
 
 
-def _call(function: tuple[str, Any], arguments: Sequence[str], result: str) -> str:
+def _call(function: tuple[str, casadi.Function], arguments: Sequence[str], result: str) -> str:
     """A call in C; arguments without elements are left out."""
     name, traced = function
     kept = [text for k, text in enumerate(arguments) if traced.numel_in(k)]

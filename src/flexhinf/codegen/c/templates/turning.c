@@ -1,5 +1,6 @@
 {# Sine and cosine of an x within the reach: reduction, and two polynomials, one of them by the quadrant. The sign of x,
-   which is that of zero too, is that of its sine. #}
+   which is that of zero too, is that of its sine. Coefficients are those of emit/sines.py; the steps stand in both, as
+   LLVM takes the quadrant from the bits of k, and C has no bits of a number that MISRA allows. #}
 {% macro remainder(parts) %}
 {% set total = namespace(text="size") %}
 {% for part in parts %}

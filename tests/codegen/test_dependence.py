@@ -1,7 +1,7 @@
 import casadi as ca
 import pytest
 
-from flexhinf.scalars.trace import linear, nonzero, switches, varying
+from flexhinf.codegen.dependence import linear, nonzero, switches, varying
 
 Z = ca.SX.sym("z", 2)
 A, B = Z[0], Z[1]
