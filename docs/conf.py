@@ -34,6 +34,7 @@ extensions = [
     "website.references",
     "website.api",
     "website.live",
+    "website.drawings",
 ]
 exclude_patterns = [
     "package.md",
@@ -70,6 +71,7 @@ nb_execution_show_tb = True
 html_theme = "pydata_sphinx_theme"
 html_title = "flexhinf"
 html_static_path = ["_static"]
+html_favicon = "_static/favicon.svg"
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_math_renderer = "mathml"
@@ -78,6 +80,7 @@ html_copy_source = False
 html_search_scorer = search.write(ROOT / "build" / "docs" / "scorer.js")
 # Pages of the menu without pages below them have no list of these.
 html_sidebars = {page: [] for page in ("index", "start/index", "choosing", "live", "compared/index", "faq")}
+html_context = {"default_mode": "auto"}  # light or dark, as the reader's system is
 html_theme_options = {
     "logo": {"text": f"flexhinf {version}"},
     "navigation_with_keys": False,

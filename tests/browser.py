@@ -35,8 +35,13 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def opened(browser: Any, file: Path, width: int = 1280, **options: Any) -> Iterator[Any]:
-    """A page of a file in a window of this width; it fails if a script of the page fails or something is fetched."""
+def opened(browser: Any, file: Path | str, width: int = 1280, **options: Any) -> Iterator[Any]:
+    """A page in a window of this width; it fails if a script of the page fails or fetches something from elsewhere.
+
+    The page is a file, or has an address of a server.
+    """
+    address = file if isinstance(file, str) else file.resolve().as_uri()
+    home = "file:" if isinstance(file, Path) else "/".join(file.split("/")[:3])
     options = {
         "bypass_csp": True,
         **options,
@@ -44,13 +49,16 @@ def opened(browser: Any, file: Path, width: int = 1280, **options: Any) -> Itera
     context = browser.new_context(viewport={"width": width, "height": WINDOWS[width]}, **options)
     page, errors, fetched = context.new_page(), [], []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on(
+        "console",
+        lambda line: errors.append(f"{line.text} {line.location}") if line.type == "error" else None,
+    )
     page.on("request", lambda request: fetched.append(request.url))
     try:
-        page.goto(file.resolve().as_uri())
+        page.goto(address)
         yield page
-        assert errors == []
-        assert [url for url in fetched if not url.startswith("file:")] == []
+        assert errors == [], errors
+        assert [url for url in fetched if not url.startswith(home)] == []
     finally:
         context.close()
 
@@ -62,12 +70,12 @@ def kept(folder: Path, name: str) -> Path:
     return place / f"{name}.png"
 
 
-def serious(page: Any) -> list[str]:
-    """What axe-core finds serious or critical on a page, each with the first element that has it."""
+def serious(page: Any, **options: Any) -> list[str]:
+    """What axe-core finds serious or critical on a page, with the first element of each; `options` are axe's."""
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright", reason="missing: axe-playwright-python"
     )
-    found = axe.Axe().run(page).response["violations"]
+    found = axe.Axe().run(page, options=options).response["violations"]
     return [
         f"{each['id']}: {each['nodes'][0]['html'][:200]}"
         for each in found

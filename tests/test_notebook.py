@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import doctest
+import enum
+import inspect
 import re
 from base64 import b64decode
 from typing import Any
@@ -10,7 +13,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.notebook import Summarised, names_text, number_text, table_html
+from flexhinf.design.requirements import Requirement
+from flexhinf.notebook import Stated, Summarised, names_text, number_text, stated_text, table_html
 from flexhinf.pages.pictures import robot_picture
 
 LONGEST = 600  # characters of a repr: a few lines of a terminal
@@ -85,3 +89,53 @@ def test_a_design_shows_its_step() -> None:
     )._repr_html_()
     assert html.count("<img") == 2
     assert 'alt="The step"' in html
+
+
+PUBLIC = [
+    each
+    for name in dir(fh)
+    if inspect.isclass(each := getattr(fh, name)) and each.__module__.startswith("flexhinf")
+]
+
+
+def test_every_public_class_has_a_text_of_its_own() -> None:
+    """None prints its arrays, or where it lies in memory."""
+    others = (Summarised, Stated, Exception, tuple, enum.Flag)
+    bare = [each.__name__ for each in PUBLIC if not issubclass(each, others) and "__repr__" not in vars(each)]
+    assert bare == ["BlackBox"]  # whose subclasses are a user's
+    assert [each.__name__ for each in PUBLIC if each.__repr__ is object.__repr__] == ["BlackBox"]
+
+
+STATED = [each for each in PUBLIC if issubclass(each, Stated)]
+
+
+@pytest.mark.costs("a robot's models, and a follower")
+def test_what_a_user_states_is_printed_in_a_line() -> None:
+    """What the examples of the classes name."""
+    found: dict[str, Stated] = {}
+    for kind in STATED:
+        names: dict[str, Any] = {}
+        for example in doctest.DocTestParser().get_examples(inspect.getdoc(kind) or ""):
+            exec(example.source, names)
+        found |= {type(value).__name__: value for value in names.values() if isinstance(value, Stated)}
+    assert {"Braked", "FollowGoal", "Follower", "JerkLimited", "Moving", "Spline", "Waypoints"} <= set(found)
+    for each in found.values():
+        assert not re.search(r"\.\d{11}| at 0x|\n", repr(each))
+        assert len(repr(each)) < LONGEST
+
+
+def test_numbers_are_stated_in_ten_digits_and_defaults_are_left_out() -> None:
+    third = 0.1 + 0.2
+    assert repr(fh.Step(third)) == "Step(value=0.3)"
+    assert repr(fh.Sensor("link_position", noise=third)) == "Sensor(name='link_position', noise=0.3)"
+    assert repr(fh.Specification(pose=(third,))) == "Specification(pose=(0.3,))"
+    samples = fh.Samples(np.arange(20.0), np.zeros((20, 2)))
+    assert repr(samples) == "Samples(times=<array of 20>, values=<array of 20 × 2>)"
+    assert repr(fh.Penalty({"x": third})) == "Penalty(states={'x': 0.3})"
+    assert stated_text([np.pi, float("inf"), True, None]) == "[3.141592654, inf, True, None]"
+
+
+def test_a_requirement_says_where_and_in_what_unit() -> None:
+    line = Requirement("overshoot", 5.0, 3.0 * 1.1, "%", where="step, nominal robot")
+    for text in (str(line), repr(line)):
+        assert all(part in text for part in ("3.3 %", "5 %", "step, nominal", "met"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 import subprocess
+import sys
 import tarfile
 import tomllib
 import zipfile
@@ -98,6 +99,14 @@ def test_the_version_is_stated_once(repository: Path, release: dict[str, Any]) -
         if version in file.read_text(encoding="utf-8")
     ]
     assert stated == []
+
+
+def test_the_classifiers_name_the_oldest_python_and_that_of_this_run(repository: Path) -> None:
+    project = tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    language = "Programming Language :: Python :: "
+    named = [each.removeprefix(language) for each in project["classifiers"] if each.startswith(language)]
+    assert f">={named[0]}" == project["requires-python"]
+    assert f"{sys.version_info.major}.{sys.version_info.minor}" in named
 
 
 @pytest.mark.costs("starts git for each case")

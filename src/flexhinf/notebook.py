@@ -1,11 +1,21 @@
-"""How results look in a terminal and in a notebook: one line, and a small table."""
+"""How results and what a user states look in a terminal and in a notebook: one line, and a small table."""
 
 from __future__ import annotations
 
 import abc
+import dataclasses
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import import_module
+from typing import ClassVar
+
+import numpy as np
+
+#: Digits of a number that a user stated: enough for every number that is written, too few for 0.1 + 0.2.
+DIGITS = 10
+
+#: The longest array whose numbers stand in a text.
+LONGEST_ARRAY = 12
 
 
 class Summarised(abc.ABC):
@@ -34,6 +44,41 @@ class Pictured(Summarised):
         # The room of pages reads designs, so it is loaded when one is shown.
         pictures: str = import_module("flexhinf.pages").notebook_pictures(self)
         return super()._repr_html_() + pictures
+
+
+class Stated:
+    """Base of dataclasses that a user writes: their text has the fields that are not as by default.
+
+    Numbers have `DIGITS` digits; longer arrays are their shape. It needs ``@dataclass(repr=False)``.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[object]]]
+
+    def __repr__(self) -> str:
+        stated: list[str] = []
+        for field in dataclasses.fields(self):
+            text = stated_text(getattr(self, field.name))
+            make = field.default_factory
+            default = field.default if make is dataclasses.MISSING else make()
+            if field.repr and (default is dataclasses.MISSING or text != stated_text(default)):
+                stated.append(f"{field.name}={text}")
+        return f"{type(self).__name__}({', '.join(stated)})"
+
+
+def stated_text(value: object) -> str:
+    """A value as it is written in Python, in `DIGITS` digits."""
+    if isinstance(value, np.ndarray):
+        numbers = value.dtype.kind in "fiu" and value.size <= LONGEST_ARRAY
+        return stated_text(value.tolist()) if numbers else f"<array of {' × '.join(map(str, value.shape))}>"
+    if isinstance(value, float):
+        return repr(float(f"{value:.{DIGITS}g}"))
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key!r}: {stated_text(each)}" for key, each in value.items()) + "}"
+    if type(value) is list:
+        return f"[{', '.join(map(stated_text, value))}]"
+    if type(value) is tuple:
+        return f"({', '.join(map(stated_text, value))}{',' * (len(value) == 1)})"
+    return getattr(value, "__qualname__", None) or repr(value)
 
 
 def table_html(title: str, facts: Mapping[str, str]) -> str:

@@ -110,3 +110,26 @@ def test_a_title_is_no_name_of_a_file(site: Any, repository: Path) -> None:
         assert title, name
         assert not re.search(r"\.md|_", title[1]), name
         assert re.findall(r"\[`?[\w/]+\.md`?\]\((?!\.\./)", text) == [], name
+
+
+def test_a_picture_keeps_the_width_that_its_letters_need(
+    website: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """A drawing 400 wide with letters of 8 needs 550 px, and keys reach what scrolls on a telephone."""
+    drawings = website("drawings")
+    small, file = (
+        '<svg width="400pt" viewBox="0 0 400 300"><text style="font: 8px x"/></svg>',
+        tmp_path / "a.svg",
+    )
+    file.write_text(small)
+    frame = ' class="picture" tabindex="0">'
+    width = ' style="min-width: 550px"'
+    for body, seen in {
+        '<p><img alt="x" src="../_images/a.svg" /></p>': f'<p{frame}<img alt="x" src="../_images/a.svg"{width} /></p>',
+        small: f"<div{frame}{small.replace(chr(62), width + chr(62), 1)}</div>",
+        "<p>no picture</p>": "<p>no picture</p>",
+    }.items():
+        assert drawings.legible(body, {"a.svg": file}) == seen
+    wide = drawings.legible(small.replace("8px", "20px"), {})
+    assert "tabindex" not in wide
+    assert "min-width: 220px" in wide

@@ -20,12 +20,13 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.status import Status, in_brackets
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.hinf import HJISolution
+from flexhinf.notebook import Summarised
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PoseEvidence(Judged):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PoseEvidence(Judged, Summarised):
     """A synthesised law for a robot and a specification, and its evaluation in the loop."""
 
     robot: Robot

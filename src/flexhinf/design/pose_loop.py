@@ -22,7 +22,7 @@ from flexhinf.robot import Robot
 from flexhinf.validation import value_text
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LoopAtPose:
     """A `DesignedLoop` of one pose; no run is made before one is read."""
 
@@ -31,6 +31,9 @@ class LoopAtPose:
     setup: LoopSetup
     length: float  # of the step of its design, s
     in_runs: Callable[[], LawEvaluation]  # the evaluation of the law in the runs of its design
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: robot: {self.robot.name}>"
 
     @cached_property
     def evaluation(self) -> LawEvaluation:

@@ -239,7 +239,11 @@ class Identification(Summarised):
             interval = f"95 %: {ends[0]:.5g} to {ends[1]:.5g}"
             between = f" ({'not told by the log' if name in self.hidden else interval})"
             rows[name] = number_text(value, number.unit) + between
-        rows |= {f"noise of {name}": f"{value:.4g}" for name, value in self.noise.items()}
+        plant = self.unknowns.plant
+        units = {name: plant.unit(name) for name in plant.outputs}  # those of disturbances are in `noise`
+        rows |= {
+            f"noise of {name}": number_text(value, units.get(name, "")) for name, value in self.noise.items()
+        }
         rows |= {f"not identifiable, {k + 1}": each.text for k, each in enumerate(self.unidentifiable)}
         if not self.consistent:
             rows["the model does not fit the log"] = "numbers may be wrong by more than their intervals"

@@ -8,7 +8,7 @@ program with no disturbance and a first state that is known: then the filter cor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -93,7 +93,7 @@ class OutputError(Summarised):
     `values`, `standard_errors`: by name, SI units, the latter wide enough for errors that last; infinite for what the
     log does not tell. `errors`: rms of the simulation's error by output, in its unit. `fits`: 1 − rms error over rms
     change, by output: 1 is perfect. `first`: the first state (n,). `differing`: names of the numbers that lie outside
-    of both intervals, of the likelihood and of this.
+    of both intervals, of the likelihood and of this. `units`: by name; a number without one has none.
 
     Examples
     --------
@@ -110,6 +110,7 @@ class OutputError(Summarised):
     fits: dict[str, float]
     first: np.ndarray
     differing: tuple[str, ...]
+    units: dict[str, str] = field(default_factory=dict)
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -123,7 +124,7 @@ class OutputError(Summarised):
     def summary(self) -> dict[str, str]:
         """Numbers with their errors, and how near the simulation comes."""
         rows = {
-            name: f"{number_text(value)} ± {number_text(self.standard_errors[name])}"
+            name: f"{value:.4g} ± {number_text(self.standard_errors[name], self.units.get(name, ''))}"
             for name, value in self.values.items()
         }
         return rows | {f"simulated {name}": f"{100.0 * fit:.4g} %" for name, fit in self.fits.items()}
@@ -217,7 +218,8 @@ def output_error(found: Identification, log: object) -> OutputError | None:
         name: 1.0 - rms[name] / float(np.nanstd(y)) if np.nanstd(y) > 0.0 else 0.0
         for name, (_, y) in known.items()
     }
-    return OutputError(values, errors, rms, fits, space.parts(z)[1], _differing(found, values, errors))
+    units = {name: number.unit for name, number in zip(names, inner.numbers, strict=True)}
+    return OutputError(values, errors, rms, fits, space.parts(z)[1], _differing(found, values, errors), units)
 
 
 def _differing(found: Identification, values: dict[str, float], errors: dict[str, float]) -> tuple[str, ...]:

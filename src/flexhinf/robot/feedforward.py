@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Matrix
 from flexhinf.errors import InvalidInput
+from flexhinf.notebook import Stated
 from flexhinf.robot.command_limits import check_commands
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
@@ -49,8 +50,8 @@ class FeedforwardRows(NamedTuple):
     link_position: np.ndarray  # q_d, which the links follow
 
 
-@dataclass(frozen=True, eq=False)
-class Feedforward:
+@dataclass(frozen=True, eq=False, repr=False)
+class Feedforward(Stated):
     """Commands for a robot's drives along a streamed path.
 
     Parameters

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
+from flexhinf.notebook import Stated
 from flexhinf.robot.feedforward import Feedforward
 from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.robot import Robot
@@ -76,8 +77,8 @@ class _Followed(NamedTuple):
     begins: float
 
 
-@dataclass(eq=False)
-class Follower:
+@dataclass(eq=False, repr=False)
+class Follower(Stated):
     """References for a controller along trajectories that come, change and are cancelled while the arm moves.
 
     Parameters

@@ -17,6 +17,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.notebook import Stated
 from flexhinf.validation import (
     HUGE,
     checked_text,
@@ -242,8 +243,8 @@ class PlantValues(dict[str, Any]):
         self.numbers = dict(numbers)
 
 
-@dataclass(frozen=True)
-class Parameter:
+@dataclass(frozen=True, repr=False)
+class Parameter(Stated):
     """One row of a table like the paper's Tables 1 and 2.
 
     Parameters

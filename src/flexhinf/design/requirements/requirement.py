@@ -18,7 +18,7 @@ from flexhinf.report import number
 SPEED = "link speed"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Requirement:
     """One line of a specification."""
 
@@ -92,6 +92,9 @@ class Requirement:
     def __str__(self) -> str:
         """The phrase and the judgement; small angles and lengths are in mrad and mm."""
         return f"{self.converted(degrees=False).text}: {self.judgement}"
+
+    def __repr__(self) -> str:
+        return f"<Requirement: {self}>"
 
     def converted(self, degrees: bool) -> Requirement:
         """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay.

@@ -20,6 +20,7 @@ from flexhinf.design.workspace.samples import goals_of
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller, Trajectory
+from flexhinf.notebook import Summarised
 from flexhinf.robot import Robot
 from flexhinf.robot.poses import checked_pose
 
@@ -27,12 +28,15 @@ from flexhinf.robot.poses import checked_pose
 STEP = 2.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LoopOverWorkspace:
     """A `DesignedLoop` at all poses."""
 
     setup: WorkspaceSetup
     length = 0.0  # a move has its own
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: robot: {self.setup.robot.name}>"
 
     def _pose(self, at: Numbers) -> np.ndarray:
         robot = self.setup.robot
@@ -77,8 +81,8 @@ class LoopOverWorkspace:
         return proof
 
 
-@dataclass(frozen=True, eq=False)
-class WorkspaceEvidence(Judged):
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceEvidence(Judged, Summarised):
     """Loops at poses and moves of one controller for a workspace, and the judgement of both.
 
     Poses, moves and robots are random samples by the seed of the specification: nothing is proved between them.

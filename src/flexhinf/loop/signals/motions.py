@@ -12,13 +12,14 @@ import numpy as np
 from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
 from flexhinf.loop.signals.references import Quintic, Sampled, checked_order
+from flexhinf.notebook import Stated
 from flexhinf.validation import HUGE, real_array, unknown_name, value_text
 
 # Jerk-limited motion [berscheid2021] --------------------------------------------------------------------
 LIMITS = ("velocity", "acceleration", "jerk")
 
 
-class _Motion:
+class _Motion(Stated):
     derivatives: Callable[..., Any]
 
     def __call__(self, t: Any) -> Any:
@@ -70,7 +71,7 @@ class _RestToRest:
         return np.where(inside, self._curve(np.clip(t, *self.times[[0, -1]]), nu=order), outside)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class JerkLimited(_Motion):
     """From rest at `start` to rest at `goal`, from `at` on, as fast as the limits allow.
 
@@ -223,7 +224,7 @@ class _SampledMotion(_Motion, Sampled):
         return np.stack([rows[0], *(np.where(moving, row, 0.0) for row in rows[1:])])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Spline(_SampledMotion):
     """The spline of degree nine through samples, held at both ends, with four continuous derivatives everywhere.
 
@@ -299,7 +300,7 @@ STEEPEST = 1.25
 MOST_STOPS = 1000
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Waypoints(_SampledMotion):
     """From rest at the first waypoint to rest at the last one, through all others, each at its time.
 

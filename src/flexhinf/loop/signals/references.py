@@ -19,6 +19,7 @@ import numpy as np
 from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.shared import BRAKING
+from flexhinf.notebook import Stated
 from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
 from flexhinf.validation import checked_positive, read_only, real_array, real_number, value_text
@@ -70,8 +71,8 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
     return int(order)
 
 
-@dataclass(frozen=True, eq=False)
-class Sampled:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sampled(Stated):
     """Base of signals through samples: copies of times (N,), s, and values (N,) or (N, k), read only; `smooth` ones are
     for a motion with derivatives. Refused are those that are no function of time, or so near to each other that its
     derivatives are lost."""
@@ -105,7 +106,7 @@ def _check_shortest(what: str, seconds: float) -> None:
     )
 
 
-class _Finite:
+class _Finite(Stated):
     """Base of signals whose fields are finite numbers; piecewise constant unless the subclass has derivatives."""
 
     #: A short description, with the fields' values in it.
@@ -131,7 +132,7 @@ class _Finite:
         return np.stack([self(t), *[0.0 * t] * checked_order(order, "signal")])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Constant(_Finite):
     """The same value at all times.
 
@@ -150,7 +151,7 @@ class Constant(_Finite):
         return self.value + 0.0 * t
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Step(_Finite):
     """`initial` before the time `at` (s), `value` from then on.
 
@@ -171,7 +172,7 @@ class Step(_Finite):
         return where(t >= self.at, self.value, self.initial)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sine(_Finite):
     """offset + amplitude · sin(2π frequency (t − at) + phase) from the time `at` (s) on, `offset` before.
 
@@ -206,7 +207,7 @@ class Sine(_Finite):
         return np.stack([self(t), *(where(t >= self.at, wave, 0.0) for wave in waves)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Quintic(_Finite):
     """From `start` to `goal` in `duration` seconds from `at` on; zero speed and acceleration at both ends.
 
@@ -280,8 +281,8 @@ class Samples(Sampled):
         return np.stack([self(t)])
 
 
-@dataclass(frozen=True, eq=False)
-class Braked:
+@dataclass(frozen=True, eq=False, repr=False)
+class Braked(Stated):
     """A signal that is slowed to rest along its own path: its time stands still `time` seconds after `at`, s.
 
     The path time is that of `Controller.path_rate`: it goes on by half of `time`, and its rate falls from 1 to 0 with
@@ -348,8 +349,8 @@ class Braked:
         return np.stack(rows[: order + 1])
 
 
-@dataclass(frozen=True, eq=False)
-class Moving:
+@dataclass(frozen=True, eq=False, repr=False)
+class Moving(Stated):
     """(x_d, u_d) along signals, by inverse dynamics: the command of ``Controller(moving=True)``.
 
     Where a signal jumps it is at rest on both sides: the feedforward of a `Step` is that of the pose before, then of
