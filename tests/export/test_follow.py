@@ -336,7 +336,9 @@ def test_make_of_an_export_counts_trajectories(compiler: str, tmp_path: Path) ->
     if shutil.which("gcov") is not None and "gcc" in compiler:
         (lines,) = re.findall(r"'arm_follow.c'\nLines executed:([\d.]+)%", make("coverage"))
         assert float(lines) > 95.0
-    texts = [(folder / file).read_text(encoding="utf-8") for file in ("README.md", "safety.md", "CMakeLists.txt")]
+    texts = [
+        (folder / file).read_text(encoding="utf-8") for file in ("README.md", "safety.md", "CMakeLists.txt")
+    ]
     assert all("arm_follow_test" in text for text in texts)
 
 

@@ -20,6 +20,9 @@ CLOSE = {"double": 1e-11, "float": 2e-3}
 #: How many rows are compared, about; and at how many poses in all the range, rad or m, of joints without one.
 ROWS, POSES, FREE = 130, 16, 6.0
 
+#: How far from the robot's home the session begins, rad or m, so that no angle is 0.
+ASIDE = 1.1
+
 #: Largest way of a joint, rad or m, and what part of range and speed limit it takes.
 WAY, OF_RANGE, OF_SPEED = 0.2, 0.1, 0.3
 
@@ -82,7 +85,9 @@ class Session:
         stated = {name: values[:, ::-1] for name, values in list(named.items())[:order]}
         return FollowGoal(**({"joint_names": joints[::-1], "times": seconds, **stated} | other))
 
-    def partial(self, joints: slice, times: Sequence[float], shares: Sequence[float], order: int, **other: Any) -> FollowGoal:
+    def partial(
+        self, joints: slice, times: Sequence[float], shares: Sequence[float], order: int, **other: Any
+    ) -> FollowGoal:
         """The goal of some joints alone; of all where there is one."""
         whole = self.goal(times, shares, order, **other)
         if len(whole.joint_names) == 1:
@@ -98,12 +103,12 @@ class Session:
 
 
 def session_of(code: ControllerCode) -> Session:
-    """The session of a controller that follows trajectories: at its robot's home, moved into the joints' ranges."""
+    """The session of a controller that follows trajectories: beside its robot's home, within the joints' ranges."""
     own = follower_of(code)
     assert own is not None
     (low, high), speeds = own.ranges, own.speeds
     way = np.minimum(np.minimum(WAY, OF_RANGE * (high - low)), 2.0 * OF_SPEED * own.smoothing * speeds)
-    home = np.clip(np.asarray(own.robot.home, dtype=float), low + 3.0 * way, high - 3.0 * way)
+    home = np.clip(np.asarray(own.robot.home, dtype=float) + ASIDE, low + 3.0 * way, high - 3.0 * way)
     count, last = round(own.smoothing / own.period), len(way) - 1
     follower = replace(
         own,
@@ -160,7 +165,11 @@ def events(session: Session) -> list[Event]:
         Event(at(21.4)),
         Event(at(22.0), session.partial(slice(0, 1), [1.2], [0.3], 1, path_tolerance={first: (-1.0, -1.0)})),
         Event(at(22.2), away=askew),
-        Event(at(31.4), goal([1.2], [0.3], goal_time=-1.0, goal_tolerance={first: (session.way[0], -1.0)}), away=askew),
+        Event(
+            at(31.4),
+            goal([1.2], [0.3], goal_time=-1.0, goal_tolerance={first: (session.way[0], -1.0)}),
+            away=askew,
+        ),
         Event(at(40.0), up - 3.0 * near),
         Event(at(40.0), goal([1.2], [0.0], positions=[(up - near)[::-1]])),
         Event(at(40.8), "cancel"),
@@ -238,7 +247,9 @@ def follow_test_values(code: ControllerCode) -> dict[str, Any]:
     }
 
 
-def _played(session: Session, happens: Sequence[Event]) -> tuple[list[Vector], list[tuple[int, int]], list[int]]:
+def _played(
+    session: Session, happens: Sequence[Event]
+) -> tuple[list[Vector], list[tuple[int, int]], list[int]]:
     """Rows with places and velocities, what each step says, and the answers to events."""
     follower, n = session.follower, len(session.way)
     follower.reset(session.home)
@@ -270,20 +281,24 @@ def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> lis
     for event, answer in zip(happens, answers):  # the last one ends the session
         kind = 1 if isinstance(event.what, FollowGoal) else 2 if isinstance(event.what, str) else 3
         kind = 0 if event.what is None else kind
-        rows.append({
-            "step": event.step,
-            "kind": kind,
-            "goal": goals if kind == 1 else 0,
-            "answer": answer,
-            "rates": (event.speed, event.rate),
-            "away": np.zeros((2, n)) if event.away is None else event.away,
-            "pose": event.what if kind == 3 else np.zeros(n),
-        })
+        rows.append(
+            {
+                "step": event.step,
+                "kind": kind,
+                "goal": goals if kind == 1 else 0,
+                "answer": answer,
+                "rates": (event.speed, event.rate),
+                "away": np.zeros((2, n)) if event.away is None else event.away,
+                "pose": event.what if kind == 3 else np.zeros(n),
+            }
+        )
         goals += kind == 1
     return rows
 
 
-def _tables(goals: Sequence[FollowGoal], follower: Follower) -> tuple[list[tuple[Any, ...]], list[dict[str, Any]]]:
+def _tables(
+    goals: Sequence[FollowGoal], follower: Follower
+) -> tuple[list[tuple[Any, ...]], list[dict[str, Any]]]:
     """Waypoints of all goals in the robot's order, what is not stated as no number; and each goal with its part."""
     own, points, rows = follower.robot.joint_names, list[tuple[Any, ...]](), list[dict[str, Any]]()
     for goal in goals:
@@ -294,13 +309,15 @@ def _tables(goals: Sequence[FollowGoal], follower: Follower) -> tuple[list[tuple
         for kind, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
             for joint, pair in pairs.items():
                 stated[kind, :, own.index(joint)] = pair
-        rows.append({
-            "first": len(points),
-            "count": len(times),
-            "moves": np.isin(np.arange(len(own)), places).astype(int),
-            "begins": goal.begins,
-            "tolerances": stated,
-            "time": goal.goal_time,
-        })
+        rows.append(
+            {
+                "first": len(points),
+                "count": len(times),
+                "moves": np.isin(np.arange(len(own)), places).astype(int),
+                "begins": goal.begins,
+                "tolerances": stated,
+                "time": goal.goal_time,
+            }
+        )
         points += [(time, *numbers[:, k], goal.order) for k, time in enumerate(times)]
     return points, rows
