@@ -15,10 +15,13 @@ from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.follower import PASSED, FollowCode, Follower
 
 #: Largest difference of C and Python, relative to the largest number of its column, by type.
-CLOSE = {"double": 1e-11, "float": 2e-3}
+CLOSE = {"double": 1e-13, "float": 2e-4}
 
-#: How many rows are compared, about; and at how many poses in all the range, rad or m, of joints without one.
-ROWS, POSES, FREE = 130, 16, 6.0
+#: How many rows are compared at most; and at how many poses in all the range, rad or m, of joints without one.
+ROWS, POSES, FREE = 130, 24, 6.0
+
+#: The session without these poses, in smoothing times.
+LASTS = 48.0
 
 #: How far from the robot's home the session begins, rad or m, so that no angle is 0.
 ASIDE = 1.1
@@ -60,8 +63,8 @@ class Session:
 
     @property
     def every(self) -> int:
-        """Of every how many samples the row is compared."""
-        return max(1, self.at(48.0) // ROWS)
+        """Of every how many samples the row is compared: the table has as many rows whatever the period."""
+        return -(-self.at(LASTS) // ROWS)
 
     def at(self, multiple: float) -> int:
         """A multiple of the smoothing time, in samples."""
@@ -134,9 +137,10 @@ def events(session: Session) -> list[Event]:
     low, high = session.follower.ranges
     up, down = (np.where(np.isfinite(end), end, session.home) for end in (high, low))
     near, period = 0.1 * session.way, session.follower.period
-    steps = [(at(48.0) // session.every + 1 + k) * session.every for k in range(POSES)]
+    steps = [(at(LASTS) // session.every + 1 + k) * session.every for k in range(POSES)]
     ends = np.where(np.isfinite(session.follower.ranges), session.follower.ranges, [[-FREE], [FREE]])
     shares = (0.618 * np.arange(POSES)[:, None] + 0.37 * np.arange(n) + 0.5) % 1.0
+    shares[0], shares[1] = 0.0, 1.0  # the largest angles
     poses = ends[0] + shares * (ends[1] - ends[0])
     narrow = {first: (3.0 * session.way[0], 0.0)} | {last: (3.0 * session.way[-1], 400.0 * session.way[-1])}
     return [
@@ -147,6 +151,9 @@ def events(session: Session) -> list[Event]:
         Event(at(3.2), rate=0.0),
         Event(at(3.4), speed=0.5),
         Event(at(3.9), "cancel"),
+        Event(at(4.2), goal([0.9, 1.8], [0.2, 0.4], 2)),
+        Event(at(4.4), "cancel", speed=0.5),
+        Event(at(4.4), goal([0.9, 1.8], [0.3, -0.1], 3)),
         Event(at(4.5), "cancel", speed=0.0),
         Event(at(5.0), goal([1.2, 2.4], [-0.2, 0.5], begins=at(4.0) * period)),
         Event(at(6.8), speed=np.nan),
