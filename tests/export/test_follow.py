@@ -21,7 +21,7 @@ import flexhinf as fh
 from flexhinf.export.compiled_follower import CompiledFollower, follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.follow import follower_of, largest_twists
-from flexhinf.export.follow_vector import follow_test_values
+from flexhinf.export.follow_vector import POSES, ROWS, Session, events, follow_test_values
 from flexhinf.export.rendering import render_c
 from flexhinf.robot import FollowCode, FollowGoal
 
@@ -271,7 +271,7 @@ def played(compiler: str, folder: Path, real: str, changed: Callable[[str], str]
     return done.returncode, done.stdout
 
 
-@pytest.mark.ci("1,078 samples in Python, and two compilations for each type")
+@pytest.mark.ci("1,359 samples in Python, and two compilations for each type")
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("named", ["gcc", "clang"])
 def test_the_program_of_an_export_plays_every_end(named: str, real: str, tmp_path: Path) -> None:
@@ -286,6 +286,15 @@ def test_the_program_of_an_export_plays_every_end(named: str, real: str, tmp_pat
     refused = {int(end) for pair in re.findall(r"\{\d+, (-?\d+), (-?\d+)\}", checks) for end in pair}
     assert ends | refused == {int(code) for code in FollowCode}
     assert {0, -1, -4, -5, 1, 2} <= ends
+
+
+@pytest.mark.parametrize("period", [2e-2, 4e-3, 1e-3, 6e-5])
+def test_the_program_has_as_many_rows_at_any_period(period: float) -> None:
+    robot = fh.load_robot("planar-two-link")
+    follower = fh.Follower(robot, period, smoothing=period * max(1, round(2e-2 / period)))
+    session = Session(follower, np.array([1.5, 1.5]), np.array([0.2, 0.2]))
+    steps = events(session)[-1].step
+    assert POSES < steps / session.every <= ROWS + POSES + 2
 
 
 #: Changes of one line that the program must notice.

@@ -21,7 +21,7 @@ CLOSE = {"double": 1e-13, "float": 2e-4}
 ROWS, POSES, FREE = 130, 24, 6.0
 
 #: The session without these poses, in smoothing times.
-LASTS = 48.0
+LASTS = 57.0
 
 #: How far from the robot's home the session begins, rad or m, so that no angle is 0.
 ASIDE = 1.1
@@ -97,11 +97,11 @@ class Session:
             return whole
         rows = dict(zip(("positions", "velocities", "accelerations"), whole.arrays))
         chosen = {name: values[:, joints] for name, values in rows.items()}
-        return FollowGoal(whole.joint_names[joints], whole.times, **chosen, **other)
+        return FollowGoal(whole.joint_names[joints], whole.times, **(other | chosen))
 
-    def jump(self, **other: Any) -> FollowGoal:
-        """A first waypoint that is too far for its time."""
-        far = self.home + 4.0 * self.follower.jumps
+    def jump(self, joint: int, **other: Any) -> FollowGoal:
+        """A first waypoint that is too far for its time, by one joint."""
+        far = self.home + 4.0 * self.follower.jumps * (np.arange(len(self.way)) == joint)
         return self.goal([0.2], [0.0], positions=[far[::-1]], **other)
 
 
@@ -134,6 +134,8 @@ def events(session: Session) -> list[Event]:
     aside[0, 0], faster[1, -1] = 2.0 * session.way[0], 1000.0 * session.way[-1]
     askew = away.copy()
     askew[0, -1] = -session.way[-1]
+    anywhere = away.copy()
+    anywhere[:, 0] = 1000.0
     low, high = session.follower.ranges
     up, down = (np.where(np.isfinite(end), end, session.home) for end in (high, low))
     near, period = 0.1 * session.way, session.follower.period
@@ -142,7 +144,7 @@ def events(session: Session) -> list[Event]:
     shares = (0.618 * np.arange(POSES)[:, None] + 0.37 * np.arange(n) + 0.5) % 1.0
     shares[0], shares[1] = 0.0, 1.0  # the largest angles
     poses = ends[0] + shares * (ends[1] - ends[0])
-    narrow = {first: (3.0 * session.way[0], 0.0)} | {last: (3.0 * session.way[-1], 400.0 * session.way[-1])}
+    narrow = {first: (3.0 * session.way[0], 0.0)} | {last: (3.0 * session.way[-1], 20.0 * session.way[-1])}
     return [
         Event(0, goal([1.2, 2.6, 4.0], [0.3, 1.0, 0.5], 3)),
         Event(at(1.0), speed=0.4),
@@ -151,16 +153,22 @@ def events(session: Session) -> list[Event]:
         Event(at(3.2), rate=0.0),
         Event(at(3.4), speed=0.5),
         Event(at(3.9), "cancel"),
-        Event(at(4.2), goal([0.9, 1.8], [0.2, 0.4], 2)),
+        Event(at(4.2), goal([1.3, 2.6], [0.1, 0.3], 2)),
         Event(at(4.4), "cancel", speed=0.5),
-        Event(at(4.4), goal([0.9, 1.8], [0.3, -0.1], 3)),
-        Event(at(4.5), "cancel", speed=0.0),
-        Event(at(5.0), goal([1.2, 2.4], [-0.2, 0.5], begins=at(4.0) * period)),
+        Event(at(4.4), goal([1.3, 2.6], [0.2, 0.0], 3)),
+        Event(at(4.8), "cancel", speed=0.0),
+        Event(at(5.0), goal([1.2, 2.4], [-0.2, 0.5], begins=(at(4.0) + 0.56) * period)),
         Event(at(6.8), speed=np.nan),
         Event(at(7.2), rate=np.nan),
         Event(at(7.3)),
-        Event(at(9.0), session.jump()),
-        Event(at(9.5), session.jump(begins=(at(3.0) + 1) * period)),
+        Event(at(9.0), session.jump(0)),
+        Event(at(9.2), session.jump(n - 1), np.inf, np.inf),
+        Event(at(9.5), session.jump(0, begins=(at(3.0) + 1) * period), 1.1, -0.5),
+        Event(at(12.7), goal([1.2], [0.1], begins=at(8.0) * period), -0.5, 1.1),
+        Event(at(13.2), session.partial(slice(-1, None), [8.0], [0.1], 1), speed=0.3),
+        Event(at(13.3), speed=0.8),
+        Event(at(14.5), rate=0.618),
+        Event(at(16.3)),
         Event(at(17.2), session.partial(slice(0, 1), [1.2, 2.4], [0.6, 0.9], 1)),
         Event(at(18.4), session.partial(slice(1, None), [1.1, 2.3], [0.1, -0.5], 2)),
         Event(at(19.6), away=aside),
@@ -170,20 +178,43 @@ def events(session: Session) -> list[Event]:
         Event(at(20.8), away=aside),
         Event(at(21.0), away=faster),
         Event(at(21.4)),
-        Event(at(22.0), session.partial(slice(0, 1), [1.2], [0.3], 1, path_tolerance={first: (-1.0, -1.0)})),
+        Event(
+            at(22.0),
+            session.partial(
+                slice(0, 1),
+                [1.2],
+                [0.3],
+                1,
+                path_tolerance={first: (-1.0, -1.0)},
+                goal_time=session.time(0.3),
+            ),
+        ),
+        Event(at(22.1), away=anywhere),
         Event(at(22.2), away=askew),
         Event(
             at(31.4),
-            goal([1.2], [0.3], goal_time=-1.0, goal_tolerance={first: (session.way[0], -1.0)}),
+            session.partial(
+                slice(-1, None),
+                [1.2],
+                [0.3],
+                1,
+                goal_time=-1.0,
+                goal_tolerance={first: (session.way[0], -1.0)},
+            ),
             away=askew,
         ),
-        Event(at(40.0), up - 3.0 * near),
-        Event(at(40.0), goal([1.2], [0.0], positions=[(up - near)[::-1]])),
-        Event(at(40.8), "cancel"),
-        Event(at(44.0), down + 3.0 * near),
-        Event(at(44.0), goal([1.2], [0.0], positions=[(down + near)[::-1]])),
-        Event(at(44.8), "cancel"),
-        *(Event(step, pose) for step, pose in zip(steps, poses)),
+        Event(at(39.5), up - 3.0 * near, rate=0.5),
+        Event(at(40.0), goal([1.2], [0.0], 3, positions=[(up - near)[::-1]])),
+        Event(at(40.5), "cancel"),
+        Event(at(43.5), down + 3.0 * near),
+        Event(at(44.0), goal([1.2], [0.0], positions=[down[::-1]])),
+        Event(at(45.1), "cancel"),
+        Event(at(46.0), up + near),
+        Event(at(46.2), session.partial(slice(-1, None), [1.2], [0.0], 1, positions=[(up - near)[::-1]])),
+        Event(at(46.5), "cancel"),
+        Event(at(48.0), session.home),
+        Event(at(48.2), goal([1.2], [0.3]), away=askew),
+        *(Event(step, pose, rate=(1.0, 0.5)[k % 2]) for k, (step, pose) in enumerate(zip(steps, poses))),
         Event(steps[-1] + session.every),
     ]
 
@@ -215,7 +246,7 @@ def refusals(session: Session) -> list[FollowGoal]:
         {"velocities": ended}, {"velocities": endless}, {"velocities": still, "accelerations": endless},
         {"velocities": still, "accelerations": still},
         {"path_tolerance": {first: (-0.5, 0.0)}}, {"path_tolerance": {last: (0.0, np.nan)}},
-        {"goal_tolerance": {first: (np.inf, 0.0)}}, {"goal_tolerance": {last: (0.0, -1.5)}},
+        {"goal_tolerance": {first: (np.inf, 0.0)}}, {"goal_tolerance": {last: (0.0, -1.1)}},
         {"goal_tolerance": {last: (-1.0, 0.1)}}, {"goal_time": -2.0}, {"goal_time": -1.0}, {"goal_time": np.nan},
         {"begins": -times[1] - 0.1 * period}, {"begins": -times[1] + 0.1 * period}, {"begins": np.nan},
         {"times": [], "positions": np.zeros((0, n))}, {"times": [0.0], "positions": rows[:1]},

@@ -233,12 +233,8 @@ static void push(@{name}_follow_state *state, scalar speed)
             state->motion[1][k][j] = sums[k];
         }
     }
-    if (is_over(state) == 0) {
-        state->left = SAMPLES;
-    } else if (state->left > 0) {
+    if (is_over(state) != 0 && state->left > 0) {
         state->left -= 1;
-    } else {
-        /* the motion rests */
     }
 }
 

@@ -141,6 +141,48 @@ static void refused(void)
     expect(@{name}_follow_check(&options, &goal) == @{NAME}_FOLLOW_INVALID_GOAL);
     pose[JOINTS - 1] = (real)NAN;
     expect(@{name}_follow_init(&state, pose) == @{NAME}_BAD_COMMAND);
+    expect(same(state.now[0][JOINTS - 1], 0));
+}
+
+/* Places and velocities from which the next sample is told how far the links are away. */
+static void begin(const real *pose)
+{
+    expect(@{name}_follow_init(&state, pose) == @{NAME}_OK);
+    for (int j = 0; j < JOINTS; ++j) {
+        output.position[j] = pose[j];
+        output.velocity[j] = 0;
+    }
+}
+
+/* Between waypoints of two orders the path is that of the lower one: each of these ends linearly. */
+static void mixed(void)
+{
+    static const int orders[3][2] = {{1, 1}, {1, 3}, {3, 1}};
+    real place = 0;
+    for (int k = 0; k < 3; ++k) {
+        @{name}_follow_point way[2];
+        @{name}_follow_goal goal = goal_of(0);
+        for (int i = 0; i < 2; ++i) {
+            way[i] = points[i];
+            way[i].order = orders[k][i];
+        }
+        way[1].time = way[0].time + (2 * @{NAME}_FOLLOW_SAMPLES * @{NAME}_PERIOD);
+        for (int j = 0; j < JOINTS; ++j) {
+            way[1].velocity[j] = 0;
+            goal.path.position[j] = -1; /* any difference */
+        }
+        goal.points = way;
+        goal.count = 2;
+        begin(home);
+        input.speed = 1;
+        input.path_rate = 1;
+        expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_ACTIVE);
+        for (int step = 0; (step * @{NAME}_PERIOD) < way[1].time; ++step) {
+            (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
+        }
+        expect(k == 0 || fabs@{f}(output.position[0] - place) <= @{number(close)} * fabs@{f}(place));
+        place = output.position[0];
+    }
 }
 
 static int taken(const real *before, const real *r)
@@ -180,16 +222,6 @@ static void rows(void)
     }
 }
 
-/* Places and velocities from which the next sample is told how far the links are away. */
-static void begin(const real *pose)
-{
-    expect(@{name}_follow_init(&state, pose) == @{NAME}_OK);
-    for (int j = 0; j < JOINTS; ++j) {
-        output.position[j] = pose[j];
-        output.velocity[j] = 0;
-    }
-}
-
 static void happen(const event_row *event)
 {
     if (event->kind == GOAL) {
@@ -224,6 +256,7 @@ int main(void)
     const event_row *now = &events[0];
     int event = 0, said = 0, passed;
     refused();
+    mixed();
     rows();
     begin(home);
     for (int step = 0; step < STEPS; ++step) {
