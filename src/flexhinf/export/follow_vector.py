@@ -21,7 +21,7 @@ CLOSE = {"double": 1e-13, "float": 2e-4}
 ROWS, POSES, FREE = 130, 24, 6.0
 
 #: The session without these poses, in smoothing times.
-LASTS = 57.0
+LASTS = 66.0
 
 #: How far from the robot's home the session begins, rad or m, so that no angle is 0.
 ASIDE = 1.1
@@ -99,10 +99,10 @@ class Session:
         chosen = {name: values[:, joints] for name, values in rows.items()}
         return FollowGoal(whole.joint_names[joints], whole.times, **(other | chosen))
 
-    def jump(self, joint: int, **other: Any) -> FollowGoal:
-        """A first waypoint that is too far for its time, by one joint."""
-        far = self.home + 4.0 * self.follower.jumps * (np.arange(len(self.way)) == joint)
-        return self.goal([0.2], [0.0], positions=[far[::-1]], **other)
+    def jump(self, joints: slice, **other: Any) -> FollowGoal:
+        """A first waypoint that is too far for its time."""
+        far = self.home + 4.0 * self.follower.jumps
+        return self.partial(joints, [0.2], [0.0], 1, positions=[far[::-1]], **other)
 
 
 def session_of(code: ControllerCode) -> Session:
@@ -161,9 +161,9 @@ def events(session: Session) -> list[Event]:
         Event(at(6.8), speed=np.nan),
         Event(at(7.2), rate=np.nan),
         Event(at(7.3)),
-        Event(at(9.0), session.jump(0)),
-        Event(at(9.2), session.jump(n - 1), np.inf, np.inf),
-        Event(at(9.5), session.jump(0, begins=(at(3.0) + 1) * period), 1.1, -0.5),
+        Event(at(9.0), session.jump(slice(-1, None))),
+        Event(at(9.2), session.jump(slice(0, 1)), np.inf, np.inf),
+        Event(at(9.5), session.jump(slice(-1, None), begins=(at(3.0) + 1) * period), 1.1, -0.5),
         Event(at(12.7), goal([1.2], [0.1], begins=at(8.0) * period), -0.5, 1.1),
         Event(at(13.2), session.partial(slice(-1, None), [8.0], [0.1], 1), speed=0.3),
         Event(at(13.3), speed=0.8),
@@ -203,9 +203,9 @@ def events(session: Session) -> list[Event]:
             ),
             away=askew,
         ),
-        Event(at(39.5), up - 3.0 * near, rate=0.5),
-        Event(at(40.0), goal([1.2], [0.0], 3, positions=[(up - near)[::-1]])),
-        Event(at(40.5), "cancel"),
+        Event(at(39.9), up - 3.0 * near, rate=0.5),
+        Event(at(40.5), goal([1.2], [0.0], 3, positions=[(up - near)[::-1]])),
+        Event(at(41.0), "cancel"),
         Event(at(43.5), down + 3.0 * near),
         Event(at(44.0), goal([1.2], [0.0], positions=[down[::-1]])),
         Event(at(45.1), "cancel"),
@@ -214,6 +214,7 @@ def events(session: Session) -> list[Event]:
         Event(at(46.5), "cancel"),
         Event(at(48.0), session.home),
         Event(at(48.2), goal([1.2], [0.3]), away=askew),
+        Event(at(57.0), goal([1.2], [0.5])),
         *(Event(step, pose, rate=(1.0, 0.5)[k % 2]) for k, (step, pose) in enumerate(zip(steps, poses))),
         Event(steps[-1] + session.every),
     ]
