@@ -166,7 +166,7 @@ static void mixed(void)
             way[i] = points[i];
             way[i].order = orders[k][i];
         }
-        way[1].time = way[0].time + (2 * @{NAME}_FOLLOW_SAMPLES * @{NAME}_PERIOD);
+        way[1].time = way[0].time + ((real)(2 * @{NAME}_FOLLOW_SAMPLES) * @{NAME}_PERIOD);
         for (int j = 0; j < JOINTS; ++j) {
             way[1].velocity[j] = 0;
             goal.path.position[j] = -1; /* any difference */
@@ -177,7 +177,7 @@ static void mixed(void)
         input.speed = 1;
         input.path_rate = 1;
         expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_ACTIVE);
-        for (int step = 0; (step * @{NAME}_PERIOD) < way[1].time; ++step) {
+        for (int step = 0; ((real)step * @{NAME}_PERIOD) < way[1].time; ++step) {
             (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
         }
         expect(k == 0 || fabs@{f}(output.position[0] - place) <= @{number(close)} * fabs@{f}(place));
