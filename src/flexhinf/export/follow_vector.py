@@ -227,8 +227,8 @@ def refusals(session: Session) -> list[FollowGoal]:
     first, last, n = joints[0], joints[-1], len(joints)
     times = np.array([session.time(1.5), session.time(3.0)])
     rows, still = np.array([session.home, session.home + 0.1 * session.way])[:, ::-1], np.zeros((2, n))
-    ended, endless = still.copy(), still.copy()
-    ended[1, -1], endless[0, 0] = 0.1, np.inf
+    ended, infinite = still.copy(), still.copy()
+    ended[1, -1], infinite[0, 0] = 0.1, np.inf
     base = {"joint_names": joints[::-1], "times": times, "positions": rows}
 
     def moved(to: Vector) -> Vector:
@@ -244,7 +244,7 @@ def refusals(session: Session) -> list[FollowGoal]:
         {"positions": moved(np.where(np.arange(n) == 0, low - 0.01, session.home))},
         {"positions": moved(session.home + 1.1 * own.jumps), "times": [times[0], times[0] + 0.5 * own.smoothing]},
         {"positions": moved(session.home + 0.9 * own.jumps), "times": [times[0], times[0] + 0.1 * own.smoothing]},
-        {"velocities": ended}, {"velocities": endless}, {"velocities": still, "accelerations": endless},
+        {"velocities": ended}, {"velocities": infinite}, {"velocities": still, "accelerations": infinite},
         {"velocities": still, "accelerations": still},
         {"path_tolerance": {first: (-0.5, 0.0)}}, {"path_tolerance": {last: (0.0, np.nan)}},
         {"goal_tolerance": {first: (np.inf, 0.0)}}, {"goal_tolerance": {last: (0.0, -1.1)}},
@@ -293,10 +293,10 @@ def _played(
     follower, n = session.follower, len(session.way)
     follower.reset(session.home)
     at, moves, now = session.home, np.zeros(n), happens[0]
-    rows, says, answers, rest = list[Vector](), list[tuple[int, int]](), list[int](), list(happens)
+    rows, says, answers, later = list[Vector](), list[tuple[int, int]](), list[int](), list(happens)
     for k in range(happens[-1].step):
-        while rest[0].step <= k:
-            now = rest.pop(0)
+        while later[0].step <= k:
+            now = later.pop(0)
             answer = int(FollowCode.ACTIVE)
             if isinstance(now.what, FollowGoal):
                 answer = int(follower.start(now.what))
