@@ -271,7 +271,7 @@ def played(compiler: str, folder: Path, real: str, changed: Callable[[str], str]
     return done.returncode, done.stdout
 
 
-@pytest.mark.ci("1,359 samples in Python, and two compilations for each type")
+@pytest.mark.ci("1,771 samples in Python, and two compilations for each type")
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("named", ["gcc", "clang"])
 def test_the_program_of_an_export_plays_every_end(named: str, real: str, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from flexhinf.robot.follower import PASSED, FollowCode, Follower
 CLOSE = {"double": 1e-13, "float": 2e-4}
 
 #: How many rows are compared at most; and at how many poses in all the range, rad or m, of joints without one.
-ROWS, POSES, FREE = 130, 24, 6.0
+ROWS, POSES, FREE = 130, 40, 6.0
 
 #: The session without these poses, in smoothing times.
 LASTS = 66.0
