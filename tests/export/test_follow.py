@@ -254,7 +254,7 @@ def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:
 
 
 @cache
-def tested(real: str) -> dict[str, str]:
+def exported_with_test(real: str) -> dict[str, str]:
     """The sources of an export with the program that tests its trajectories."""
     code = code_of(controller_of("planar-two-link"), "arm", real, robot_of("planar-two-link"))
     program = render_c("follow_test.c", "arm", code.real, **follow_test_values(code))
@@ -263,7 +263,7 @@ def tested(real: str) -> dict[str, str]:
 
 def played(compiler: str, folder: Path, real: str, changed: Callable[[str], str] = str) -> tuple[int, str]:
     """Exit code and text of the program, with another ``arm_follow.c``."""
-    for file, text in tested(real).items():
+    for file, text in exported_with_test(real).items():
         (folder / file).write_text(changed(text) if file == "arm_follow.c" else text)
     words = [*STRICT, "-O0", "arm.c", "arm_follow.c", "arm_follow_test.c", "-lm", "-o", "play"]
     subprocess.run([compiler, *words], cwd=folder, check=True, capture_output=True)
@@ -279,7 +279,7 @@ def test_the_program_of_an_export_plays_every_end(named: str, real: str, tmp_pat
         pytest.skip(f"missing: {named}")
     code, text = played(named, tmp_path, real)
     assert code == 0, text
-    program = tested(real)["arm_follow_test.c"]
+    program = exported_with_test(real)["arm_follow_test.c"]
     (table,) = re.findall(r"says\[\d+\]\[3\] = \{(.*?)\};", program, flags=re.DOTALL)
     (checks,) = re.findall(r"checks\[\d+\]\[3\] = \{(.*?)\};", program, flags=re.DOTALL)
     ends = {int(end) for end in re.findall(r"\{\d+, (-?\d+), [01]\}", table)}
