@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -85,8 +85,9 @@ class Session:
         slopes = np.outer(np.linspace(0.3, 0.1, len(times)), sizes) / seconds[-1]
         rows[1, :-1], rows[2] = slopes[:-1], -slopes / seconds[-1]
         named = {"positions": rows[0], "velocities": rows[1], "accelerations": rows[2]}
-        stated = {name: values[:, ::-1] for name, values in list(named.items())[:order]}
-        return FollowGoal(**({"joint_names": joints[::-1], "times": seconds, **stated} | other))
+        stated: dict[str, Any] = {name: values[:, ::-1] for name, values in list(named.items())[:order]}
+        stated |= {"joint_names": joints[::-1], "times": seconds}
+        return FollowGoal(**(stated | other))
 
     def partial(
         self, joints: slice, times: Sequence[float], shares: Sequence[float], order: int, **other: Any
@@ -96,7 +97,7 @@ class Session:
         if len(whole.joint_names) == 1:
             return whole
         rows = dict(zip(("positions", "velocities", "accelerations"), whole.arrays))
-        chosen = {name: values[:, joints] for name, values in rows.items()}
+        chosen: dict[str, Any] = {name: values[:, joints] for name, values in rows.items()}
         return FollowGoal(whole.joint_names[joints], whole.times, **(other | chosen))
 
     def jump(self, joints: slice, **other: Any) -> FollowGoal:
@@ -229,12 +230,12 @@ def refusals(session: Session) -> list[FollowGoal]:
     rows, still = np.array([session.home, session.home + 0.1 * session.way])[:, ::-1], np.zeros((2, n))
     ended, infinite = still.copy(), still.copy()
     ended[1, -1], infinite[0, 0] = 0.1, np.inf
-    base = {"joint_names": joints[::-1], "times": times, "positions": rows}
+    base: dict[str, Any] = {"joint_names": joints[::-1], "times": times, "positions": rows}
 
     def moved(to: Vector) -> Vector:
         return np.array([rows[0], to[::-1]])
 
-    changes: list[Mapping[str, Any]] = [
+    changes: list[dict[str, Any]] = [
         {}, {"times": times[::-1]}, {"times": times[0] + np.array([0.0, 0.9 * period / PASSED])},
         {"times": times[0] + np.array([0.0, 1.1 * period / PASSED])}, {"times": [times[0], np.inf]},
         {"times": [np.nan, times[1]]}, {"times": [-period, times[1]]}, {"times": [0.0, times[1]]},
