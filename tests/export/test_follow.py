@@ -21,6 +21,8 @@ import flexhinf as fh
 from flexhinf.export.compiled_follower import CompiledFollower, follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.follow import follower_of, largest_twists
+from flexhinf.export.follow_vector import POSES, ROWS, Session, events, follow_test_values
+from flexhinf.export.rendering import render_c
 from flexhinf.robot import FollowCode, FollowGoal
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -249,6 +251,104 @@ def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:
         if place == 1:  # the motor goes along
             changed[:8] = robot.operating_point([0.0, amount])[0]
         assert taken(at, changed) is allowed, (place, amount)
+
+
+@cache
+def exported_with_test(real: str) -> dict[str, str]:
+    """The sources of an export with the program that tests its trajectories."""
+    code = code_of(controller_of("planar-two-link"), "arm", real, robot_of("planar-two-link"))
+    program = render_c("follow_test.c", "arm", code.real, **follow_test_values(code))
+    return {**code.files, **follow_files(code), "arm_follow_test.c": program}
+
+
+def played(compiler: str, folder: Path, real: str, changed: Callable[[str], str] = str) -> tuple[int, str]:
+    """Exit code and text of the program, with another ``arm_follow.c``."""
+    for file, text in exported_with_test(real).items():
+        (folder / file).write_text(changed(text) if file == "arm_follow.c" else text)
+    words = [*STRICT, "-O0", "arm.c", "arm_follow.c", "arm_follow_test.c", "-lm", "-o", "play"]
+    subprocess.run([compiler, *words], cwd=folder, check=True, capture_output=True)
+    done = subprocess.run(["./play"], cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    return done.returncode, done.stdout
+
+
+@pytest.mark.ci("1,771 samples in Python, and two compilations for each type")
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("named", ["gcc", "clang"])
+def test_the_program_of_an_export_plays_every_end(named: str, real: str, tmp_path: Path) -> None:
+    if shutil.which(named) is None:
+        pytest.skip(f"missing: {named}")
+    code, text = played(named, tmp_path, real)
+    assert code == 0, text
+    program = exported_with_test(real)["arm_follow_test.c"]
+    (table,) = re.findall(r"says\[\d+\]\[3\] = \{(.*?)\};", program, flags=re.DOTALL)
+    (checks,) = re.findall(r"checks\[\d+\]\[3\] = \{(.*?)\};", program, flags=re.DOTALL)
+    ends = {int(end) for end in re.findall(r"\{\d+, (-?\d+), [01]\}", table)}
+    refused = {int(end) for pair in re.findall(r"\{\d+, (-?\d+), (-?\d+)\}", checks) for end in pair}
+    assert ends | refused == {int(code) for code in FollowCode}
+    assert {0, -1, -4, -5, 1, 2} <= ends
+
+
+@pytest.mark.parametrize("period", [2e-2, 4e-3, 1e-3, 6e-5])
+def test_the_program_has_as_many_rows_at_any_period(period: float) -> None:
+    robot = fh.load_robot("planar-two-link")
+    follower = fh.Follower(robot, period, smoothing=period * max(1, round(2e-2 / period)))
+    session = Session(follower, np.array([1.5, 1.5]), np.array([0.2, 0.2]))
+    steps = events(session)[-1].step
+    assert POSES < steps / session.every <= ROWS + POSES + 2
+
+
+#: Changes of one line that the program must notice.
+CHANGES = {
+    "a spline": ("- (15.0 * way)", "- (14.9 * way)"),
+    "a time past": ("? -goal->begins", "? goal->begins"),
+    "a stop": ("(time * begin[2]) / 12.0", "(time * begin[2]) / 6.0"),
+    "the end of a range": ("end[0] > most", "end[0] < most"),
+    "the speed": ("target = state->speed + most;", "target = state->speed - most;"),
+    "a joint left out": ("state->stopped_at = stop_time;", ";"),
+    "a goal that waits": ("state->wait -= 1;", ";"),
+    "a tolerance": ("error[j] <= most", "error[j] > most"),
+    "a time-out": ("late > options->timeout", "late <= options->timeout"),
+    "what is refused": ("q <= high[j]", "q > high[j]"),
+    "a row": ("<= twists[j]", "> twists[j]"),
+}
+
+
+@pytest.mark.ci("compiles a dozen programs")
+@pytest.mark.parametrize("what", CHANGES)
+def test_the_program_of_an_export_notices(what: str, compiler: str, tmp_path: Path) -> None:
+    old, new = CHANGES[what]
+
+    def changed(text: str) -> str:
+        assert text.count(old) == 1
+        return text.replace(old, new)
+
+    code, text = played(compiler, tmp_path, "double", changed)
+    assert code == 1
+    assert "FAILED" in text
+
+
+@pytest.mark.ci("an export, its programs, and fourteen changes")
+def test_make_of_an_export_counts_trajectories(compiler: str, tmp_path: Path) -> None:
+    """`make test` runs three programs; `make mutants` and `make coverage` have both sources."""
+    folder = fh.export_c(
+        controller_of("planar-two-link"), tmp_path / "c", "arm", robot=robot_of("planar-two-link")
+    )
+
+    def make(*words: str) -> str:
+        command = ["make", "-s", f"CC={compiler}", "CFLAGS=-O1", *words]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False).stdout
+
+    assert len(re.findall(r"^arm.*: passed$", make("test"), flags=re.MULTILINE)) == 3
+    found = re.search(r"arm_follow.c: (\d+) of (\d+) changes noticed", make("mutants", "MUTANTS=7"))
+    assert found is not None
+    assert int(found[1]) >= 0.5 * int(found[2]) > 0
+    if shutil.which("gcov") is not None and "gcc" in compiler:
+        (lines,) = re.findall(r"'arm_follow.c'\nLines executed:([\d.]+)%", make("coverage"))
+        assert float(lines) > 95.0
+    texts = [
+        (folder / file).read_text(encoding="utf-8") for file in ("README.md", "safety.md", "CMakeLists.txt")
+    ]
+    assert all("arm_follow_test" in text for text in texts)
 
 
 COUNTED = """

@@ -17,6 +17,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.follow import follow_values
+from flexhinf.export.follow_vector import follow_test_values
 from flexhinf.export.names import PARTS
 from flexhinf.export.provocation import provoked
 from flexhinf.export.recording import Recording, record, with_both_roundings
@@ -94,6 +95,7 @@ FILES: tuple[File[Export], ...] = (
     File("@{name}_follow.c", "follow.c", _follow, _follows, ROS2_SOURCES),
     File("@{name}_test.c", "test.c", lambda export: vector_values(export.code, export.runs, export.allowed)),
     File("@{name}_contract.c", "contract.c", lambda export: contract_values(export.code, export.runs[-1])),
+    File("@{name}_follow_test.c", "follow_test.c", lambda export: follow_test_values(export.code), _follows),
     File("README.md", "README.md", lambda export: _readme(export)),
     File("main.c", "main.c", _drives),
     File("Makefile", "Makefile"),

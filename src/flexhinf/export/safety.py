@@ -14,6 +14,7 @@ from typing import Any
 from flexhinf import __version__
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, STATUS, ControllerCode
+from flexhinf.export.follow import follower_of
 from flexhinf.export.recording import Recording
 from flexhinf.export.rendering import markdown
 from flexhinf.loop import Status
@@ -172,6 +173,13 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
         rows.append(("rest at a pose", f"`{n}_rest`", f"{rehearsal}: `rests`"))
     if code.slows:
         rows.append(("a motion that is slowed", f"`{n}_slowed`", f"{rehearsal}: `rests`"))
+    if follower_of(code) is not None:
+        played = f"`{n}_follow_test.c`"
+        rows += [
+            ("trajectories are those of the simulation", f"`{n}_follow_step`", f"{played}, every event"),
+            ("goals that cannot be followed are refused", f"`{n}_follow_check`", f"{played}: `refused`"),
+            ("rows from elsewhere that cannot be are refused", f"`{n}_follow_row`", f"{played}: `rows`"),
+        ]
     return rows
 
 

@@ -203,6 +203,11 @@ class Follower(Stated):
         return found
 
     # Goals ---------------------------------------------------------------------------------------------
+    @property
+    def waits(self) -> bool:
+        """Whether a goal waits until it begins; the one before is still followed."""
+        return self._next is not None
+
     def reset(self, position: ArrayLike) -> None:
         """Rest at link positions (n,), rad or m, without a goal."""
         n, size = len(self.robot.joint_names), self.feedforward.weights.shape[1]

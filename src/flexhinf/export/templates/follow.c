@@ -31,9 +31,9 @@ static const scalar farthest[JOINTS] = {@{bounds(jumps)}};
 static const scalar twists[JOINTS] = {@{bounds(twists)}};
 static const int motors[JOINTS] = {@{motors | join(", ")}}; /* places in a row */
 
-/* Weights of the samples, the newest first, for the position and four derivatives. */
-static const scalar weights[SAMPLES][5] = {
-@{matrix(weights.T)}
+/* Weights of the samples before the newest one, from it back, for the position and four derivatives. */
+static const scalar weights[SAMPLES - 1][5] = {
+@{matrix(weights.T[1:])}
 };
 
 @{functions}
@@ -219,12 +219,13 @@ static void push(@{name}_follow_state *state, scalar speed)
         const scalar newest = state->path[state->newest][j];
         scalar sums[5] = {@{zero}, @{zero}, @{zero}, @{zero}, @{zero}};
         int i = state->newest;
-        for (int sample = 0; sample < SAMPLES; ++sample) {
-            const scalar way = state->path[i][j] - newest;
+        for (int sample = 0; sample < SAMPLES - 1; ++sample) {
+            scalar way;
+            i = (i > 0) ? i - 1 : SAMPLES - 1;
+            way = state->path[i][j] - newest;
             for (int k = 0; k < 5; ++k) {
                 sums[k] += weights[sample][k] * way;
             }
-            i = (i > 0) ? i - 1 : SAMPLES - 1;
         }
         sums[0] += newest;
         for (int k = 0; k < 5; ++k) {
@@ -232,12 +233,8 @@ static void push(@{name}_follow_state *state, scalar speed)
             state->motion[1][k][j] = sums[k];
         }
     }
-    if (is_over(state) == 0) {
-        state->left = SAMPLES;
-    } else if (state->left > 0) {
+    if (is_over(state) != 0 && state->left > 0) {
         state->left -= 1;
-    } else {
-        /* the motion rests */
     }
 }
 

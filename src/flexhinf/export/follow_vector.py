@@ -1,0 +1,363 @@
+"""The test vector of the C that follows trajectories: goals and events with what `Follower` answers to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.arrays import Vector
+from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.follow import follow_values, follower_of
+from flexhinf.robot.follow_goal import FollowGoal
+from flexhinf.robot.follower import PASSED, FollowCode, Follower
+
+#: Largest difference of C and Python, relative to the largest number of its column, by type.
+CLOSE = {"double": 1e-13, "float": 2e-4}
+
+#: How many rows are compared at most; and at how many poses in all the range, rad or m, of joints without one.
+ROWS, POSES, FREE = 130, 40, 6.0
+
+#: The session without these poses, in smoothing times.
+LASTS = 66.0
+
+#: How far from the robot's home the session begins, rad or m, so that no angle is 0.
+ASIDE = 1.1
+
+#: Largest way of a joint, rad or m, and what part of range and speed limit it takes.
+WAY, OF_RANGE, OF_SPEED = 0.2, 0.1, 0.3
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happens before a step, and what holds from it on.
+
+    `what`: A goal to start, "cancel", or a pose (n,) to be reset to. `away`: Errors (2, n) of what is measured.
+    """
+
+    step: int
+    what: FollowGoal | str | Vector | None = None
+    speed: float = 1.0
+    rate: float = 1.0
+    away: Vector | None = None
+
+
+@dataclass(frozen=True)
+class Session:
+    """A follower with the goals and events that it is tested with.
+
+    `follower`: With options of its own, whose times end between samples, so that no rounding decides.
+    `way`: (n,), rad or m, within which goals lie beside `home`.
+    """
+
+    follower: Follower
+    home: Vector
+    way: Vector
+
+    @property
+    def count(self) -> int:
+        """Samples of the smoothing time."""
+        return round(self.follower.smoothing / self.follower.period)
+
+    @property
+    def every(self) -> int:
+        """Of every how many samples the row is compared: the table has as many rows whatever the period."""
+        return -(-self.at(LASTS) // ROWS)
+
+    def at(self, multiple: float) -> int:
+        """A multiple of the smoothing time, in samples."""
+        return round(multiple * self.count)
+
+    def time(self, multiple: float) -> float:
+        """A multiple of the smoothing time that ends between two samples, s."""
+        return (self.at(multiple) + 0.41) * self.follower.period
+
+    def goal(
+        self, times: Sequence[float], shares: Sequence[float], order: int = 1, /, **other: Any
+    ) -> FollowGoal:
+        """Waypoints at multiples of the smoothing time, at shares of the way from home; joints in reversed order."""
+        joints, sizes = self.follower.robot.joint_names, self.way * np.linspace(1.0, 0.6, len(self.way))
+        rows = np.zeros((3, len(times), len(joints)))
+        rows[0] = self.home + np.outer(shares, sizes)
+        seconds = np.array([self.time(multiple) for multiple in times])
+        slopes = np.outer(np.linspace(0.3, 0.1, len(times)), sizes) / seconds[-1]
+        rows[1, :-1], rows[2] = slopes[:-1], -slopes / seconds[-1]
+        named = {"positions": rows[0], "velocities": rows[1], "accelerations": rows[2]}
+        stated: dict[str, Any] = {name: values[:, ::-1] for name, values in list(named.items())[:order]}
+        stated |= {"joint_names": joints[::-1], "times": seconds}
+        return FollowGoal(**(stated | other))
+
+    def partial(
+        self, joints: slice, times: Sequence[float], shares: Sequence[float], order: int, **other: Any
+    ) -> FollowGoal:
+        """The goal of some joints alone; of all where there is one."""
+        whole = self.goal(times, shares, order, **other)
+        if len(whole.joint_names) == 1:
+            return whole
+        rows = dict(zip(("positions", "velocities", "accelerations"), whole.arrays))
+        chosen: dict[str, Any] = {name: values[:, joints] for name, values in rows.items()}
+        return FollowGoal(whole.joint_names[joints], whole.times, **(other | chosen))
+
+    def jump(self, joints: slice, **other: Any) -> FollowGoal:
+        """A first waypoint that is too far for its time."""
+        far = self.home + 4.0 * self.follower.jumps
+        return self.partial(joints, [0.2], [0.0], 1, positions=[far[::-1]], **other)
+
+
+def session_of(code: ControllerCode) -> Session:
+    """The session of a controller that follows trajectories: beside its robot's home, within the joints' ranges."""
+    own = follower_of(code)
+    assert own is not None
+    (low, high), speeds = own.ranges, own.speeds
+    way = np.minimum(np.minimum(WAY, OF_RANGE * (high - low)), 2.0 * OF_SPEED * own.smoothing * speeds)
+    home = np.clip(np.asarray(own.robot.home, dtype=float) + ASIDE, low + 3.0 * way, high - 3.0 * way)
+    count, last = round(own.smoothing / own.period), len(way) - 1
+    follower = replace(
+        own,
+        partial=True,
+        stop_time=(2 * count + count // 2 + 0.41) * own.period,
+        path_tolerance={own.robot.joint_names[0]: (1.5 * way[0], 0.0)},
+        goal_tolerance={own.robot.joint_names[last]: (0.5 * way[last], 0.0)},
+        goal_time=(count // 2 + 0.41) * own.period,
+        timeout=(count + 0.41) * own.period,
+    )
+    return Session(follower, home, way)
+
+
+def events(session: Session) -> list[Event]:
+    """Goals at rest, at speed, past and future ones; slowed, braked, cancelled, refused, partial; and each end."""
+    at, goal, n = session.at, session.goal, len(session.way)
+    first, last = session.follower.robot.joint_names[0], session.follower.robot.joint_names[-1]
+    away = np.zeros((2, n))
+    aside, faster = away.copy(), away.copy()
+    aside[0, 0], faster[1, -1] = 2.0 * session.way[0], 1000.0 * session.way[-1]
+    askew = away.copy()
+    askew[0, -1] = -session.way[-1]
+    anywhere = away.copy()
+    anywhere[:, 0] = 1000.0
+    low, high = session.follower.ranges
+    up, down = (np.where(np.isfinite(end), end, session.home) for end in (high, low))
+    near, period = 0.1 * session.way, session.follower.period
+    steps = [(at(LASTS) // session.every + 1 + k) * session.every for k in range(POSES)]
+    ends = np.where(np.isfinite(session.follower.ranges), session.follower.ranges, [[-FREE], [FREE]])
+    shares = (0.618 * np.arange(POSES)[:, None] + 0.37 * np.arange(n) + 0.5) % 1.0
+    shares[0], shares[1] = 0.0, 1.0  # the largest angles
+    poses = ends[0] + shares * (ends[1] - ends[0])
+    narrow = {first: (3.0 * session.way[0], 0.0)} | {last: (3.0 * session.way[-1], 20.0 * session.way[-1])}
+    return [
+        Event(0, goal([1.2, 2.6, 4.0], [0.3, 1.0, 0.5], 3)),
+        Event(at(1.0), speed=0.4),
+        Event(at(2.0), goal([0.3, 1.6, 3.0], [0.9, 0.2, -0.8], 2, begins=-session.time(0.4))),
+        Event(at(3.0), rate=0.6),
+        Event(at(3.2), rate=0.0),
+        Event(at(3.4), speed=0.5),
+        Event(at(3.9), "cancel"),
+        Event(at(4.2), goal([1.3, 2.6], [0.1, 0.3], 2)),
+        Event(at(4.4), "cancel", speed=0.5),
+        Event(at(4.4), goal([1.3, 2.6], [0.2, 0.0], 3)),
+        Event(at(4.8), "cancel", speed=0.0),
+        Event(at(5.0), goal([1.2, 2.4], [-0.2, 0.5], begins=(at(4.0) + 0.56) * period)),
+        Event(at(6.8), speed=np.nan),
+        Event(at(7.2), rate=np.nan),
+        Event(at(7.3)),
+        Event(at(9.0), session.jump(slice(-1, None))),
+        Event(at(9.2), session.jump(slice(0, 1)), np.inf, np.inf),
+        Event(at(9.5), session.jump(slice(-1, None), begins=(at(3.0) + 1) * period), 1.1, -0.5),
+        Event(at(12.7), goal([1.2], [0.1], begins=at(8.0) * period), -0.5, 1.1),
+        Event(at(13.2), session.partial(slice(-1, None), [8.0], [0.1], 1), speed=0.3),
+        Event(at(13.3), speed=0.8),
+        Event(at(14.5), rate=0.618),
+        Event(at(16.3)),
+        Event(at(17.2), session.partial(slice(0, 1), [1.2, 2.4], [0.6, 0.9], 1)),
+        Event(at(18.4), session.partial(slice(1, None), [1.1, 2.3], [0.1, -0.5], 2)),
+        Event(at(19.6), away=aside),
+        Event(at(20.0), goal([1.2, 2.4], [0.4, 0.8], begins=at(3.5) * period)),
+        Event(at(20.2), "cancel"),
+        Event(at(20.4), goal([1.2], [0.5], path_tolerance=narrow)),
+        Event(at(20.8), away=aside),
+        Event(at(21.0), away=faster),
+        Event(at(21.4)),
+        Event(
+            at(22.0),
+            session.partial(
+                slice(0, 1),
+                [1.2],
+                [0.3],
+                1,
+                path_tolerance={first: (-1.0, -1.0)},
+                goal_time=session.time(0.3),
+            ),
+        ),
+        Event(at(22.1), away=anywhere),
+        Event(at(22.2), away=askew),
+        Event(
+            at(31.4),
+            session.partial(
+                slice(-1, None),
+                [1.2],
+                [0.3],
+                1,
+                goal_time=-1.0,
+                goal_tolerance={first: (session.way[0], -1.0)},
+            ),
+            away=askew,
+        ),
+        Event(at(39.9), up - 3.0 * near, rate=0.5),
+        Event(at(40.5), goal([1.2], [0.0], 3, positions=[(up - near)[::-1]])),
+        Event(at(41.0), "cancel"),
+        Event(at(43.5), down + 3.0 * near),
+        Event(at(44.0), goal([1.2], [0.0], positions=[down[::-1]])),
+        Event(at(45.1), "cancel"),
+        Event(at(46.0), up + near),
+        Event(at(46.2), session.partial(slice(-1, None), [1.2], [0.0], 1, positions=[(up - near)[::-1]])),
+        Event(at(46.5), "cancel"),
+        Event(at(48.0), session.home),
+        Event(at(48.2), goal([1.2], [0.3]), away=askew),
+        Event(at(57.0), goal([1.2], [0.5])),
+        *(Event(step, pose, rate=(1.0, 0.5)[k % 2]) for k, (step, pose) in enumerate(zip(steps, poses))),
+        Event(steps[-1] + session.every),
+    ]
+
+
+def refusals(session: Session) -> list[FollowGoal]:
+    """Goals that `Follower.check` refuses, each for one reason, between some that it takes."""
+    own = session.follower
+    joints, period, (low, high) = own.robot.joint_names, own.period, own.ranges
+    first, last, n = joints[0], joints[-1], len(joints)
+    times = np.array([session.time(1.5), session.time(3.0)])
+    rows, still = np.array([session.home, session.home + 0.1 * session.way])[:, ::-1], np.zeros((2, n))
+    ended, infinite = still.copy(), still.copy()
+    ended[1, -1], infinite[0, 0] = 0.1, np.inf
+    base: dict[str, Any] = {"joint_names": joints[::-1], "times": times, "positions": rows}
+
+    def moved(to: Vector) -> Vector:
+        return np.array([rows[0], to[::-1]])
+
+    changes: list[dict[str, Any]] = [
+        {}, {"times": times[::-1]}, {"times": times[0] + np.array([0.0, 0.9 * period / PASSED])},
+        {"times": times[0] + np.array([0.0, 1.1 * period / PASSED])}, {"times": [times[0], np.inf]},
+        {"times": [np.nan, times[1]]}, {"times": [-period, times[1]]}, {"times": [0.0, times[1]]},
+        {"positions": np.where(still == ended, rows, np.nan)},
+        {"positions": moved(session.home + 1.1 * own.speeds * (times[1] - times[0]))},
+        {"positions": moved(np.where(np.arange(n) == n - 1, high + 0.01, session.home))},
+        {"positions": moved(np.where(np.arange(n) == 0, low - 0.01, session.home))},
+        {"positions": moved(session.home + 1.1 * own.jumps), "times": [times[0], times[0] + 0.5 * own.smoothing]},
+        {"positions": moved(session.home + 0.9 * own.jumps), "times": [times[0], times[0] + 0.1 * own.smoothing]},
+        {"velocities": ended}, {"velocities": infinite}, {"velocities": still, "accelerations": infinite},
+        {"velocities": still, "accelerations": still},
+        {"path_tolerance": {first: (-0.5, 0.0)}}, {"path_tolerance": {last: (0.0, np.nan)}},
+        {"goal_tolerance": {first: (np.inf, 0.0)}}, {"goal_tolerance": {last: (0.0, -1.1)}},
+        {"goal_tolerance": {last: (-1.0, 0.1)}}, {"goal_time": -2.0}, {"goal_time": -1.0}, {"goal_time": np.nan},
+        {"begins": -times[1] - 0.1 * period}, {"begins": -times[1] + 0.1 * period}, {"begins": np.nan},
+        {"times": [], "positions": np.zeros((0, n))}, {"times": [0.0], "positions": rows[:1]},
+        {"joint_names": joints[:1], "positions": rows[:, -1:]},
+        {"joint_names": [], "positions": np.zeros((2, 0))},
+    ]  # fmt: skip
+    return [FollowGoal(**(base | change)) for change in changes]
+
+
+def follow_test_values(code: ControllerCode) -> dict[str, Any]:
+    """What the template of the test program needs."""
+    session = session_of(code)
+    follower, happens, refused = session.follower, events(session), refusals(session)
+    plain = replace(follower, partial=False, goal_tolerance={}, path_tolerance={}, goal_time=0.0, timeout=0.0)
+    checked = [(one, follower.check(one), plain.check(one)) for one in refused]
+    started = [event.what for event in happens if isinstance(event.what, FollowGoal)]
+    rows, says, answers = _played(session, happens)
+    kept = np.array(rows[:: session.every])
+    sizes = np.abs(kept).max(axis=0)
+    values = follow_values(code)
+    points, goals = _tables([*started, *refused], follower)
+    return {
+        **values,
+        "options": follower,
+        "points": points,
+        "goals": goals,
+        "checks": [(len(started) + k, int(own), int(other)) for k, (_, own, other) in enumerate(checked)],
+        "events": _event_rows(happens, answers, len(session.way)),
+        "home": session.home,
+        "kept": kept,
+        "sizes": np.maximum(sizes, 1e-6 * sizes.max()),
+        "every": session.every,
+        "steps": len(rows),
+        "says": [(k, *pair) for k, pair in enumerate(says) if k == 0 or pair != says[k - 1]],
+        "close": CLOSE[code.real.name],
+    }
+
+
+def _played(
+    session: Session, happens: Sequence[Event]
+) -> tuple[list[Vector], list[tuple[int, int]], list[int]]:
+    """Rows with places and velocities, what each step says, and the answers to events."""
+    follower, n = session.follower, len(session.way)
+    follower.reset(session.home)
+    at, moves, now = session.home, np.zeros(n), happens[0]
+    rows, says, answers, later = list[Vector](), list[tuple[int, int]](), list[int](), list(happens)
+    for k in range(happens[-1].step):
+        while later[0].step <= k:
+            now = later.pop(0)
+            answer = int(FollowCode.ACTIVE)
+            if isinstance(now.what, FollowGoal):
+                answer = int(follower.start(now.what))
+            elif isinstance(now.what, str):
+                follower.cancel()
+            elif now.what is not None:
+                follower.reset(now.what)
+                at, moves = now.what, np.zeros(n)
+            answers.append(answer)
+        away = np.zeros((2, n)) if now.away is None else now.away
+        sample = follower.step(at + away[0], moves + away[1], now.speed, now.rate)
+        at, moves = sample.position, sample.velocity
+        rows.append(np.concatenate([sample.row, at, moves]))
+        says.append((int(sample.result), int(follower.waits)))
+    return rows, says, answers
+
+
+def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[dict[str, Any]]:
+    """Events as the program reads them; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose."""
+    rows, goals = list[dict[str, Any]](), 0
+    for event, answer in zip(happens, answers):  # the last one ends the session
+        kind = 1 if isinstance(event.what, FollowGoal) else 2 if isinstance(event.what, str) else 3
+        kind = 0 if event.what is None else kind
+        rows.append(
+            {
+                "step": event.step,
+                "kind": kind,
+                "goal": goals if kind == 1 else 0,
+                "answer": answer,
+                "rates": (event.speed, event.rate),
+                "away": np.zeros((2, n)) if event.away is None else event.away,
+                "pose": event.what if kind == 3 else np.zeros(n),
+            }
+        )
+        goals += kind == 1
+    return rows
+
+
+def _tables(
+    goals: Sequence[FollowGoal], follower: Follower
+) -> tuple[list[tuple[Any, ...]], list[dict[str, Any]]]:
+    """Waypoints of all goals in the robot's order, what is not stated as no number; and each goal with its part."""
+    own, points, rows = follower.robot.joint_names, list[tuple[Any, ...]](), list[dict[str, Any]]()
+    for goal in goals:
+        times, places = np.asarray(goal.times, dtype=float), [own.index(joint) for joint in goal.joint_names]
+        numbers, stated = np.full((3, len(times), len(own)), np.nan), np.zeros((2, 2, len(own)))
+        for kind, values in enumerate(goal.arrays):
+            numbers[kind][:, places] = values
+        for kind, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
+            for joint, pair in pairs.items():
+                stated[kind, :, own.index(joint)] = pair
+        rows.append(
+            {
+                "first": len(points),
+                "count": len(times),
+                "moves": np.isin(np.arange(len(own)), places).astype(int),
+                "begins": goal.begins,
+                "tolerances": stated,
+                "time": goal.goal_time,
+            }
+        )
+        points += [(time, *numbers[:, k], goal.order) for k, time in enumerate(times)]
+    return points, rows
