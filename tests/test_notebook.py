@@ -14,7 +14,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design.requirements import Requirement
-from flexhinf.notebook import Stated, Summarised, names_text, number_text, stated_text, table_html
+from flexhinf.notebook import StatedRepr, Summarised, names_text, number_text, stated_text, table_html
 from flexhinf.pages.pictures import robot_picture
 
 LONGEST = 600  # characters of a repr: a few lines of a terminal
@@ -100,24 +100,24 @@ PUBLIC = [
 
 def test_every_public_class_has_a_text_of_its_own() -> None:
     """None prints its arrays, or where it lies in memory."""
-    others = (Summarised, Stated, Exception, tuple, enum.Flag)
+    others = (Summarised, StatedRepr, Exception, tuple, enum.Flag)
     bare = [each.__name__ for each in PUBLIC if not issubclass(each, others) and "__repr__" not in vars(each)]
     assert bare == ["BlackBox"]  # whose subclasses are a user's
     assert [each.__name__ for each in PUBLIC if each.__repr__ is object.__repr__] == ["BlackBox"]
 
 
-STATED = [each for each in PUBLIC if issubclass(each, Stated)]
+STATED = [each for each in PUBLIC if issubclass(each, StatedRepr)]
 
 
 @pytest.mark.costs("a robot's models, and a follower")
 def test_what_a_user_states_is_printed_in_a_line() -> None:
     """What the examples of the classes name."""
-    found: dict[str, Stated] = {}
+    found: dict[str, StatedRepr] = {}
     for kind in STATED:
         names: dict[str, Any] = {}
         for example in doctest.DocTestParser().get_examples(inspect.getdoc(kind) or ""):
             exec(example.source, names)
-        found |= {type(value).__name__: value for value in names.values() if isinstance(value, Stated)}
+        found |= {type(value).__name__: value for value in names.values() if isinstance(value, StatedRepr)}
     assert {"Braked", "FollowGoal", "Follower", "JerkLimited", "Moving", "Spline", "Waypoints"} <= set(found)
     for each in found.values():
         assert not re.search(r"\.\d{11}| at 0x|\n", repr(each))

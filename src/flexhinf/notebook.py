@@ -46,7 +46,7 @@ class Pictured(Summarised):
         return super()._repr_html_() + pictures
 
 
-class Stated:
+class StatedRepr:
     """Base of dataclasses that a user writes: their text has the fields that are not as by default.
 
     Numbers have `DIGITS` digits; longer arrays are their shape. It needs ``@dataclass(repr=False)``.

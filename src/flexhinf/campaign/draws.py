@@ -31,7 +31,7 @@ import numpy as np
 from flexhinf.campaign.samples import Columns, Sample, SampleColumns, UniformColumns
 from flexhinf.codegen.noise import ARRAYS, philox, seed_key
 from flexhinf.errors import FlexhinfError, refuse_if
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.validation import checked_kind, checked_text, distinct, is_real, one_of, value_text
 
 #: Significant digits of computed numbers (of a short run, or read by a function): last bits may differ between
@@ -78,7 +78,7 @@ def option_text(value: Any) -> str:
             return ", ".join(repr(entry) for entry in value.ravel().tolist())
         case types.FunctionType() | types.MethodType() | functools.partial() if not is_library_code(value):
             return fingerprint(value)
-        case Stated() if not getattr(value, "name", ""):
+        case StatedRepr() if not getattr(value, "name", ""):
             return f"{type(value).__qualname__} {fingerprint(value)}"
     text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
     return str(type(value).__qualname__) if " at 0x" in text else text

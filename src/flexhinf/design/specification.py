@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from flexhinf import options
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.extensions import load_extensions
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.options import (
     ADVANCED,
     LIMITS,
@@ -176,7 +176,7 @@ class SpecificationError(InvalidInput):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Specification(Stated):
+class Specification(StatedRepr):
     """The requirements on a design. A field that is None is chosen by the rule in its help.
 
     With fields of `OF_WORKSPACE` alone a design is for a workspace, with any other field of one pose. ``workspace`` is

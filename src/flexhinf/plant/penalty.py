@@ -15,7 +15,7 @@ import numpy as np
 
 from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.plant.code import has_a_name
 from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.polynomial_plant import checked_r2
@@ -23,7 +23,7 @@ from flexhinf.validation import checked_array, checked_names, real_array, value_
 
 
 @dataclass(frozen=True, repr=False)
-class Penalty(Stated):
+class Penalty(StatedRepr):
     """Weights on the states and on the input.
 
     Parameters

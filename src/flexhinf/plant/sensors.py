@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.validation import checked_kind, checked_text, distinct, one_of, real_array, value_text
 
 #: A time this close to a whole number of samples (in samples) is one.
@@ -19,7 +19,7 @@ LONGEST_PERIOD, LONGEST_DELAY = 10_000, 100
 
 
 @dataclass(frozen=True, repr=False)
-class Sensor(Stated):
+class Sensor(StatedRepr):
     """A measured signal, or a group of them, and how its sensor measures it.
 
     Parameters

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Matrix
 from flexhinf.errors import InvalidInput
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.robot.command_limits import check_commands
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
@@ -51,7 +51,7 @@ class FeedforwardRows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Feedforward(Stated):
+class Feedforward(StatedRepr):
     """Commands for a robot's drives along a streamed path.
 
     Parameters

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.errors import refuse_if
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FollowGoal(Stated):
+class FollowGoal(StatedRepr):
     """Waypoints of joints, as trajectory_msgs/JointTrajectory and the action FollowJointTrajectory have them.
 
     Parameters

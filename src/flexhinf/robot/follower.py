@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.robot.feedforward import Feedforward
 from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.robot import Robot
@@ -78,7 +78,7 @@ class _Followed(NamedTuple):
 
 
 @dataclass(eq=False, repr=False)
-class Follower(Stated):
+class Follower(StatedRepr):
     """References for a controller along trajectories that come, change and are cancelled while the arm moves.
 
     Parameters

@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.validation import (
     HUGE,
     checked_text,
@@ -244,7 +244,7 @@ class PlantValues(dict[str, Any]):
 
 
 @dataclass(frozen=True, repr=False)
-class Parameter(Stated):
+class Parameter(StatedRepr):
     """One row of a table like the paper's Tables 1 and 2.
 
     Parameters

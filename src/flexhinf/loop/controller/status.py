@@ -36,7 +36,7 @@ import numpy as np
 from flexhinf.codegen import gives
 from flexhinf.errors import refuse_if
 from flexhinf.loop.shared import BRAKING
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.validation import checked_kind, checked_positive, one_of, real_array, real_number, value_text
 
@@ -85,7 +85,7 @@ NEAR_LIMIT, UNLIMITED = 1e-3, 100.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Supervision(Stated):
+class Supervision(StatedRepr):
     """What a controller watches at run time, and how it reacts.
 
     Parameters

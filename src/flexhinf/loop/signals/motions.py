@@ -12,14 +12,14 @@ import numpy as np
 from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
 from flexhinf.loop.signals.references import Quintic, Sampled, checked_order
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.validation import HUGE, real_array, unknown_name, value_text
 
 # Jerk-limited motion [berscheid2021] --------------------------------------------------------------------
 LIMITS = ("velocity", "acceleration", "jerk")
 
 
-class _Motion(Stated):
+class _Motion(StatedRepr):
     derivatives: Callable[..., Any]
 
     def __call__(self, t: Any) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.shared import BRAKING
-from flexhinf.notebook import Stated
+from flexhinf.notebook import StatedRepr
 from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
 from flexhinf.validation import checked_positive, read_only, real_array, real_number, value_text
@@ -72,7 +72,7 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sampled(Stated):
+class Sampled(StatedRepr):
     """Base of signals through samples: copies of times (N,), s, and values (N,) or (N, k), read only; `smooth` ones are
     for a motion with derivatives. Refused are those that are no function of time, or so near to each other that its
     derivatives are lost."""
@@ -106,7 +106,7 @@ def _check_shortest(what: str, seconds: float) -> None:
     )
 
 
-class _Finite(Stated):
+class _Finite(StatedRepr):
     """Base of signals whose fields are finite numbers; piecewise constant unless the subclass has derivatives."""
 
     #: A short description, with the fields' values in it.
@@ -282,7 +282,7 @@ class Samples(Sampled):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Braked(Stated):
+class Braked(StatedRepr):
     """A signal that is slowed to rest along its own path: its time stands still `time` seconds after `at`, s.
 
     The path time is that of `Controller.path_rate`: it goes on by half of `time`, and its rate falls from 1 to 0 with
@@ -350,7 +350,7 @@ class Braked(Stated):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Moving(Stated):
+class Moving(StatedRepr):
     """(x_d, u_d) along signals, by inverse dynamics: the command of ``Controller(moving=True)``.
 
     Where a signal jumps it is at rest on both sides: the feedforward of a `Step` is that of the pose before, then of
