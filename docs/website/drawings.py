@@ -6,9 +6,10 @@ import re
 from functools import cache
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sphinx.application import Sphinx
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 #: The smallest letters that a reader sees, px.
 LEGIBLE = 11.0

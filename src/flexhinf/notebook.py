@@ -7,9 +7,14 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import import_module
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
+from flexhinf.validation import late_package
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    np = late_package("numpy")
 
 #: Digits of a number that a user stated: enough for every number that is written, too few for 0.1 + 0.2.
 DIGITS = 10

@@ -19,9 +19,8 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from inspect import Parameter, signature
 from math import prod
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-import casadi
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -42,13 +41,16 @@ from flexhinf.codegen.program import (
     When,
 )
 
+if TYPE_CHECKING:
+    import casadi
+
 SCRATCH = "scratch"
 
 #: A function of arrays, or of a run and arrays.
 Traceable = TypeVar("Traceable", bound=Callable[..., object])
 
 #: Traced, the shapes of its results, and whether these are several.
-TracedPiece = tuple[casadi.Function, list[tuple[int, ...]], bool]
+TracedPiece: TypeAlias = "tuple[casadi.Function, list[tuple[int, ...]], bool]"
 
 
 def gives(*names: str) -> Callable[[Traceable], Traceable]:
@@ -433,9 +435,9 @@ class _ColumnComposer(Composer):
     def __init__(self, outside: Composer) -> None:
         super().__init__()
         self._outside, self._names = outside, outside._names
-        self._divisions = dict[
+        self._divisions: dict[
             Hashable, tuple[casadi.Function | None, casadi.Function | None, tuple[bool, ...]]
-        ]()
+        ] = {}
         self._parts: dict[Hashable, tuple[tuple[Slice, ...], list[Block]]] = {}
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
