@@ -12,7 +12,7 @@ from flexhinf.arrays import Vector
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.follow import follow_values, follower_of
 from flexhinf.robot.follow_goal import FollowGoal
-from flexhinf.robot.follower import PASSED, FollowCode, Follower
+from flexhinf.robot.follower import PASSED, FollowCode, Follower, FollowMotion
 
 #: Largest difference of C and Python, relative to the largest number of its column, by type.
 CLOSE = {"double": 1e-13, "float": 2e-4}
@@ -265,8 +265,8 @@ def follow_test_values(code: ControllerCode) -> dict[str, Any]:
     plain = replace(follower, partial=False, goal_tolerance={}, path_tolerance={}, goal_time=0.0, timeout=0.0)
     checked = [(one, follower.check(one), plain.check(one)) for one in refused]
     started = [event.what for event in happens if isinstance(event.what, FollowGoal)]
-    rows, says, answers = _played(session, happens)
-    kept = np.array(rows[:: session.every])
+    samples, says, answers = _played(session, happens)
+    kept = _rows(session, samples[:: session.every])
     sizes = np.abs(kept).max(axis=0)
     values = follow_values(code)
     points, goals = _tables([*started, *refused], follower)
@@ -281,7 +281,7 @@ def follow_test_values(code: ControllerCode) -> dict[str, Any]:
         "kept": kept,
         "sizes": np.maximum(sizes, 1e-6 * sizes.max()),
         "every": session.every,
-        "steps": len(rows),
+        "steps": len(samples),
         "says": [(k, *pair) for k, pair in enumerate(says) if k == 0 or pair != says[k - 1]],
         "close": CLOSE[code.real.name],
     }
@@ -289,12 +289,12 @@ def follow_test_values(code: ControllerCode) -> dict[str, Any]:
 
 def _played(
     session: Session, happens: Sequence[Event]
-) -> tuple[list[Vector], list[tuple[int, int]], list[int]]:
-    """Rows with places and velocities, what each step says, and the answers to events."""
+) -> tuple[list[FollowMotion], list[tuple[int, int]], list[int]]:
+    """Samples, what each of them says, and the answers to events."""
     follower, n = session.follower, len(session.way)
     follower.reset(session.home)
     at, moves, now = session.home, np.zeros(n), happens[0]
-    rows, says, answers, later = list[Vector](), list[tuple[int, int]](), list[int](), list(happens)
+    samples, says, answers, later = list[FollowMotion](), list[tuple[int, int]](), list[int](), list(happens)
     for k in range(happens[-1].step):
         while later[0].step <= k:
             now = later.pop(0)
@@ -308,11 +308,19 @@ def _played(
                 at, moves = now.what, np.zeros(n)
             answers.append(answer)
         away = np.zeros((2, n)) if now.away is None else now.away
-        sample = follower.step(at + away[0], moves + away[1], now.speed, now.rate)
+        sample = follower.advance(at + away[0], moves + away[1], now.speed, now.rate)
         at, moves = sample.position, sample.velocity
-        rows.append(np.concatenate([sample.row, at, moves]))
+        samples.append(sample)
         says.append((int(sample.result), int(follower.waits)))
-    return rows, says, answers
+    return samples, says, answers
+
+
+def _rows(session: Session, samples: Sequence[FollowMotion]) -> np.ndarray:
+    """What the program compares of samples: state, input, places and velocities."""
+    motions = np.array([sample.motion for sample in samples]).transpose(1, 0, 2)
+    state, u = session.follower.robot.inverse_dynamics(*motions)
+    places, velocities = (np.array([sample[k] for sample in samples]) for k in (1, 2))
+    return np.hstack([state, u, places, velocities])
 
 
 def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[dict[str, Any]]:

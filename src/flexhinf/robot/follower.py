@@ -64,6 +64,15 @@ class FollowSample(NamedTuple):
     result: FollowCode  # ACTIVE, IDLE, or in one sample how a goal ended
 
 
+class FollowMotion(NamedTuple):
+    """One sample of a `Follower` before the inverse dynamics: rad, or m, and s."""
+
+    motion: np.ndarray  # (5, n), as it is commanded: positions and four derivatives
+    position: np.ndarray  # the others as of `FollowSample`
+    velocity: np.ndarray
+    result: FollowCode
+
+
 class _Followed(NamedTuple):
     """A goal in the robot's order."""
 
@@ -365,6 +374,18 @@ class Follower(StatedRepr):
 
         Raises InvalidInput: for a position or velocity of another shape; what is no number there breaks a tolerance.
         """
+        now = self.advance(position, velocity, speed, path_rate)
+        state, u = self.robot.inverse_dynamics(*now.motion)
+        return FollowSample(np.concatenate([state, u]), now.position, now.velocity, now.result)
+
+    def advance(
+        self,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        speed: float = 1.0,
+        path_rate: float = 1.0,
+    ) -> FollowMotion:
+        """As `step`, but the motion alone: the rows of many samples cost less together, by `Robot.inverse_dynamics`."""
         for name, value in (("position", position), ("velocity", velocity)):
             shape = np.shape(self._now[0])
             refuse_if(
@@ -387,7 +408,7 @@ class Follower(StatedRepr):
         position: ArrayLike | None,
         velocity: ArrayLike | None,
         result: FollowCode | None,
-    ) -> FollowSample:
+    ) -> FollowMotion:
         rate = _share(path_rate)
         self._part += rate
         if self._part > 1.0:
@@ -401,8 +422,7 @@ class Follower(StatedRepr):
             at = q if position is None else np.asarray(position, dtype=float)
             moves = dq if velocity is None else np.asarray(velocity, dtype=float)
             result = self._judged(np.abs(np.array([at - q, moves - dq])))
-        state, u = self.robot.inverse_dynamics(*motion)
-        return FollowSample(np.concatenate([state, u]), q.copy(), dq.copy(), result)
+        return FollowMotion(motion, q.copy(), dq.copy(), result)
 
     def _push(self, speed: float) -> None:
         """The next sample of the path."""
