@@ -50,6 +50,12 @@ def test_every_filter_keeps_a_text_within_what_it_stands_in() -> None:
     assert render_text("@{1e-6 | yaml} @{v | yaml}", v=float("inf")) == "1.0e-06 .inf"
 
 
+@pytest.mark.parametrize("text", ["*\\", "*\\/", "/\\*", "???/", "????/", "*/*/", "a\\\nb"])
+def test_what_a_comment_of_c_replaces_neither_ends_nor_continues_it(text: str) -> None:
+    inside = render_text("@{text | comment}", text=text)
+    assert not any(mark in inside for mark in ("*/", "/*", "??", "\\", "\n"))
+
+
 def test_xml_and_html_escape_what_no_filter_has() -> None:
     escapes = environment().autoescape
     assert callable(escapes)

@@ -166,7 +166,7 @@ def comment(text: str) -> str:
     """A text made safe for a comment of one line: printable ASCII that neither ends nor continues it."""
     raised = re.sub("⁻?[⁰¹²³⁴-⁹]+", lambda found: "^" + found[0].translate(RAISED), text)
     plain = "".join(c if " " <= c <= "~" else "?" for c in raised.translate(ASCII))
-    return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+    return re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", r"\g<0> ", plain.replace("\\", "/"))
 
 
 #: A pivot below so many times what it is made of, times n, counts as zero: 45 units of the last place.
