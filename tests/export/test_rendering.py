@@ -10,11 +10,13 @@ from typing import Literal
 
 import pytest
 from jinja2 import ChoiceLoader, DictLoader, UndefinedError
+from markupsafe import Markup, escape
 from tests.builders import arm_controller
+from tests.export.test_rest import elastic_controller
 
 import flexhinf as fh
 from flexhinf.codegen.c import Real
-from flexhinf.export import rendering
+from flexhinf.export import controller_files, rendering
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import FILES
 from flexhinf.export.rendering import arithmetic, c_values, environment, render, render_text
@@ -28,7 +30,8 @@ WILD = "*/ ?? \\ \" ' <b> & </script> @{name} {% if x %} é"
 def test_a_mark_without_a_value_is_an_error_and_one_in_a_value_is_none() -> None:
     with pytest.raises(UndefinedError, match="nme"):
         render_text("@{nme}", name="arm")
-    assert render_text("@{name}_step({@{1 + 1}}) [$@]", name="@{name}") == "@{name}_step({2}) [$@]"
+    own = Markup("@{name}")
+    assert render_text("@{name}_step({@{1 + 1}}) [$@]", name=own) == "@{name}_step({2}) [$@]"
 
 
 def test_every_filter_keeps_a_text_within_what_it_stands_in() -> None:
@@ -56,14 +59,48 @@ def test_what_a_comment_of_c_replaces_neither_ends_nor_continues_it(text: str) -
     assert not any(mark in inside for mark in ("*/", "/*", "??", "\\", "\n"))
 
 
-def test_xml_and_html_escape_what_no_filter_has() -> None:
-    escapes = environment().autoescape
-    assert callable(escapes)
-    assert {name: escapes(name) for name in ("web/page.html", "ros2/package.xml", "controller.c")} == {
-        "web/page.html": True,
-        "ros2/package.xml": True,
-        "controller.c": False,
-    }
+def test_a_text_that_no_filter_has_is_escaped_or_bare() -> None:
+    files = [
+        "web/page.html",
+        "ros2/package.xml",
+        "arm.c",
+        "arm.h",
+        "README.md",
+        "arm.yaml",
+        "a.jinja",
+        "Makefile",
+    ]
+    changed = environment().overlay(loader=DictLoader(dict.fromkeys(files, "@{text}")))
+    written = {name: changed.get_template(name).render(text=WILD) for name in files}
+    assert written["web/page.html"] == written["ros2/package.xml"] == escape(WILD)
+    assert {written[name] for name in files[2:]} == {"__ __ _ _ _ _b_ _ __script_ __name_ __ if x __ _"}
+    assert all(changed.get_template(name).render(text=Markup("a(b);")) == "a(b);" for name in files)
+    assert {changed.get_template(name).render(text=1.5) for name in files} == {"1.5"}
+
+
+@pytest.mark.ci("exports a whole package")
+def test_a_template_that_forgets_its_filters_writes_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No name and no line of the origin leaves its comment or string, wherever a filter is forgotten."""
+    names = ['*/QZX"', "QZX??/\\`${QZX}"]
+    text = (Path(fh.__file__).parent / "robot/catalogue/planar-two-link.toml").read_text(encoding="utf-8")
+    for before, after in zip(("shoulder", "elbow"), names, strict=True):
+        text = text.replace(json.dumps(before), json.dumps(after))
+    (tmp_path / "arm.toml").write_text(text, encoding="utf-8")
+    robot = fh.load_robot(tmp_path / "arm.toml")
+    forgetful = environment().overlay()
+    forgotten = ("comment", "c_string", "quoted", "markdown")
+    forgetful.filters = environment().filters | dict.fromkeys(forgotten, lambda value: str(value) + "")
+    monkeypatch.setattr(rendering, "environment", lambda: forgetful)
+    files = controller_files(elastic_controller(robot), "arm", "double", robot, {"drawing": names[0]})
+    written = {name: text for name, text in files.items() if not name.endswith((".md", ".xml", ".xacro"))}
+    assert sum("QZX" in text for text in written.values()) > 5
+    found = {(name, mark) for name, text in written.items() for mark in ("*/QZX", "QZX??") if mark in text}
+    loose = {(name, mark) for name, text in written.items() for mark in ('QZX"', "{QZX") if mark in text}
+    # what code generation writes into comments itself
+    assert found == set()
+    assert {name for name, _ in loose if not name.endswith((".c", ".h"))} == set()
 
 
 def test_every_template_is_in_the_list_of_files_or_a_part_of_others() -> None:

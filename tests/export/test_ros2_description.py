@@ -17,7 +17,7 @@ from tests.export.test_rest import elastic_controller
 
 import flexhinf as fh
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.rendering import render_c, render_text
+from flexhinf.export.rendering import FILTERS, render_c
 from flexhinf.export.ros2 import ros2_values
 from flexhinf.export.ros2_description import roll_pitch_yaw
 
@@ -185,9 +185,7 @@ def test_xacro_makes_one_description_with_the_plugin_of_the_hardware(
 
 
 def test_only_a_bracket_behind_it_makes_an_expression_of_a_dollar() -> None:
-    written = {
-        text: render_text("@{text | xacro}", text=text) for text in ("$", "a$b", "${x}", "$$(x)", "$ {")
-    }
+    written = {text: FILTERS["xacro"](text) for text in ("$", "a$b", "${x}", "$$(x)", "$ {")}
     assert written == {"$": "$", "a$b": "a$b", "${x}": "$${x}", "$$(x)": "$$$(x)", "$ {": "$ {"}
 
 

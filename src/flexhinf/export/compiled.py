@@ -66,6 +66,8 @@ def compile_controller(
     ...     fh.compile_controller(controller, f"{folder}/arm.so").name
     'arm.so'
     """
+    from markupsafe import Markup
+
     from flexhinf.export.controller_c import code_of
     from flexhinf.export.rendering import render
     from flexhinf.loop.controller.status import WATCHED
@@ -99,7 +101,7 @@ def compile_controller(
         name=code.name,
         NAME=code.name.upper(),
         c=c,
-        mark=MARK.strip().decode() + r"\n",
+        mark=Markup(MARK.strip().decode() + r"\n"),
         instructions=list(INSTRUCTIONS.items()),
         description=about,
     )

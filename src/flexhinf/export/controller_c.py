@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.codegen import (
     Call,
@@ -253,10 +254,10 @@ class ControllerCode:
         """Inputs that may have any value."""
         return unlimited_inputs(self.controller)
 
-    def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
+    def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> Markup:
         """Constants between commas, some in a line."""
         texts = [constant(float(value), self.real) for value in np.ravel(values)]
-        return ",\n".join(indent + ", ".join(texts[k : k + 4]) for k in range(0, len(texts), 4))
+        return Markup(",\n".join(indent + ", ".join(texts[k : k + 4]) for k in range(0, len(texts), 4)))
 
     @property
     def files(self) -> dict[str, str]:
@@ -276,8 +277,8 @@ class ControllerCode:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of header and source but for itself, which determine every input that the code computes."""
-        header = self._rendered("controller.h", self.header_values, "@DIGEST@")
-        source = self._rendered("controller.c", self.source_values, "@DIGEST@")
+        header = self._rendered("controller.h", self.header_values, Markup("@DIGEST@"))
+        source = self._rendered("controller.c", self.source_values, Markup("@DIGEST@"))
         return hashlib.sha256((header + source).encode()).hexdigest()
 
     @cached_property
@@ -314,7 +315,7 @@ class ControllerCode:
             "signals": signals,
             "parameters": self.places.parameters(),
             "columns": self.translator.room,
-            "sixteen": SIXTEEN,
+            "sixteen": Markup(SIXTEEN),
             "codes": [(self.upper(name), code.value, code.meaning) for name, code in self.codes.items()],
             "status": [
                 (self.upper(str(bit.name)), bit.value, text if bit in self.able else f"{NEVER}: {text}")
@@ -331,15 +332,15 @@ class ControllerCode:
         return {
             "places": memory,
             "origin": origin_facts(self.controller, self.origin),
-            "defaults": default_lines(self.controller, self.defaults, self.real),
-            "initial": number_lines(memory, self.initial_memory, self.real, MEMORY),
+            "defaults": Markup(default_lines(self.controller, self.defaults, self.real)),
+            "initial": Markup(number_lines(memory, self.initial_memory, self.real, MEMORY)),
             "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, missing),
             "range_rows": range_rows,
             "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
             "holding": holding,
             "standstill": standstill,
             "plausible": plausible,
-            "functions": str(self.translator).replace(f"{self.real.name} ", "real "),
+            "functions": Markup(str(self.translator).replace(f"{self.real.name} ", "real ")),
         }
 
     @property
@@ -369,12 +370,12 @@ class ControllerCode:
             numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(self.real.epsilon)
         return numbers
 
-    def call(self, measurement: str) -> str:
+    def call(self, measurement: str) -> Markup:
         """The call of the step, with what is measured."""
         places = {"y": measurement, "r": "input->r", "data": "param->value", "scratch": "state->work"}
         arguments = [places.get(b.name, f"state->{b.name}") for b in self.program.buffers]
         arguments += ["state->columns"] * (self.translator.room > 0)
-        return f"{self.name}_sample({', '.join(arguments)})"
+        return Markup(f"{self.name}_sample({', '.join(arguments)})")
 
     @property
     def _known(self) -> dict[int, tuple[str, int]]:
@@ -388,13 +389,13 @@ class ControllerCode:
             return ""
         return self._holding("state->start", "held")
 
-    def _holding(self, state: str, inputs: str) -> str:
+    def _holding(self, state: str, inputs: str) -> Markup:
         """A call that writes the inputs that hold the robot at a state."""
         assert self.controller.estimator is not None
         plant = self.controller.estimator.plant
         known = self._known if plant.parameters.size else {}
         called = self.translator.function(holding_function(plant), "x", *["data"] * len(known), within=known)
-        return f"{called}({state}, {'param->value, ' * len(known)}{inputs})"
+        return Markup(f"{called}({state}, {'param->value, ' * len(known)}{inputs})")
 
     @cached_property
     def standstill(self) -> Any:
@@ -434,7 +435,7 @@ class ControllerCode:
             parts["holding_slow"] = self._holding("r", "slower")
         added = [name for name in self.translator.functions if name not in before]
         text = "\n\n".join(self.translator.functions.pop(name) for name in added)
-        return parts | {"functions": text.replace(f"{self.real.name} ", "real ")}
+        return parts | {"functions": Markup(text.replace(f"{self.real.name} ", "real "))}
 
     @cached_property
     def starts_anywhere(self) -> bool:

@@ -5,20 +5,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.codegen.c import Translator, constant
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
-from flexhinf.export.rendering import arithmetic, markdown
+from flexhinf.export.rendering import arithmetic
 from flexhinf.robot.command_limits import command_limits, command_shares
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
@@ -149,14 +149,14 @@ def _source(export: FeedforwardExport) -> dict[str, object]:
     most = command_limits(export.feedforward.robot)
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
     return {
-        "weights": ",\n".join(_listed(export.feedforward.weights)),
+        "weights": _listed(export.feedforward.weights),
         "rates": _limits_text(most[0]),
         "accelerations": _limits_text(most[1]),
         "seconds": constant(export.feedforward.period, DOUBLE),
-        "arithmetic": arithmetic(export.name, DOUBLE),
-        "functions": str(translator),
+        "arithmetic": Markup(arithmetic(export.name, DOUBLE)),
+        "functions": Markup(translator),
         "called": called,
-        "arguments": [*used, *RESULTS],
+        "arguments": Markup(", ".join([*used, *RESULTS])),
     }
 
 
@@ -164,8 +164,8 @@ def _source(export: FeedforwardExport) -> dict[str, object]:
 RESULTS = [f"output->{each}" for each in ("command", "motor_position", "motor_velocity", "motor_torque")]
 
 
-def _listed(table: np.ndarray) -> Iterable[str]:
-    return ("    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in table)
+def _listed(table: np.ndarray) -> Markup:
+    return Markup(",\n".join("    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in table))
 
 
 def _limits_text(limits: np.ndarray) -> str:
@@ -176,8 +176,8 @@ def _test(export: FeedforwardExport) -> dict[str, object]:
     return {
         "samples": len(export.path),
         "close": repr(CLOSE),
-        "path": ",\n".join(_listed(export.path)),
-        "expected": ",\n".join(_listed(np.hstack(export.rows[:4]))),
+        "path": _listed(export.path),
+        "expected": _listed(np.hstack(export.rows[:4])),
     }
 
 
@@ -185,8 +185,8 @@ def _readme(export: FeedforwardExport) -> dict[str, object]:
     feedforward = export.feedforward
     robot, size, n = feedforward.robot, feedforward.weights.shape[1], len(feedforward.robot.joint_names)
     facts = {
-        "robot": markdown(robot.name),
-        "joints": markdown(", ".join(robot.joint_names)),
+        "robot": robot.name,
+        "joints": ", ".join(robot.joint_names),
         "drive": robot.drive,
         "period": f"{feedforward.period:g} s",
         "the links are later than the path by": f"{feedforward.delay:g} s",

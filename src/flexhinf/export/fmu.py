@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
@@ -208,10 +209,10 @@ def export_plant_fmu(
         "d": sizes[1],
         "p": sizes[2],
         "y": len(plant.outputs),
-        "functions": str(translator),
+        "functions": Markup(translator),
         "flow": _called(flow, plant.traced_flow, ["x", *places], "slope"),
         "output": _called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
-        "start": ",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
+        "start": Markup(",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)])),
     }
     about = f"plant in {steps} steps per {period:g} s, which begins where the parameters start.* say"
     return write_fmu(path, Fmu(name, about, period, variables, "fmu_plant.h", values, {}), fmi)
@@ -250,6 +251,6 @@ def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> l
     ]
 
 
-def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> str:
+def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> Markup:
     kept = [text for k, text in enumerate(arguments) if function.numel_in(k)]
-    return f"{name}({', '.join([*kept, result])});"
+    return Markup(f"{name}({', '.join([*kept, result])});")

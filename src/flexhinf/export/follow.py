@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.codegen.c import Translator, constant
 from flexhinf.errors import InvalidInput
@@ -57,8 +58,8 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, Any]:
     )
     delay = follower.feedforward.delay
 
-    def bounds(values: Iterable[float]) -> str:
-        return ", ".join(
+    def bounds(values: Iterable[float]) -> Markup:
+        return Markup(", ").join(
             constant(float(x), code.real) if np.isfinite(x) else f"{'-' if x < 0.0 else ''}(scalar)HUGE_VAL"
             for x in values
         )
@@ -88,13 +89,14 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, Any]:
         "most_counted": MOST_COUNTED,
         "arithmetic": _arithmetic(code),
         "called": called,
-        "functions": str(translator),
+        "functions": Markup(translator),
     }
 
 
-def _arithmetic(code: ControllerCode) -> str:
+def _arithmetic(code: ControllerCode) -> Markup:
     """The guards of arithmetic, with a function of its own name and the switches of the controller."""
-    return render("arithmetic.c", **{**c_values(f"{code.name}_follow", code.real), "NAME": code.name.upper()})
+    values = {**c_values(f"{code.name}_follow", code.real), "NAME": code.name.upper()}
+    return Markup(render("arithmetic.c", **values))
 
 
 def _translator(code: ControllerCode) -> Translator:

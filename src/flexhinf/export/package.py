@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput, refuse_if
@@ -23,7 +24,7 @@ from flexhinf.export.provocation import provoked
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
 from flexhinf.export.rehearsal import contract_values, reaches_far
-from flexhinf.export.rendering import markdown
+from flexhinf.export.rendering import of_file
 from flexhinf.export.ros2 import package_name, ros2_values
 from flexhinf.export.safety import safety_values
 from flexhinf.export.self_test import EVERY, Accuracy, accuracy, vector_values
@@ -293,10 +294,10 @@ def _readme(export: Export) -> Mapping[str, object]:
     }
     signals = [
         (
-            f"`{array}`",
+            Markup(f"`{array}`"),
             str(k),
-            markdown(name),
-            markdown(code.unit_text(name)),
+            name,
+            code.unit_text(name),
             "" if starts is None else f"{starts[k]:.6g}",
         )
         for kind, (array, starts) in arrays.items()
@@ -304,33 +305,38 @@ def _readme(export: Export) -> Mapping[str, object]:
     ]
     at_limit = (run.u <= c.limits.lower) | (run.u >= c.limits.upper)
     counts = {name: int(at_limit[part].any(axis=1).sum()) for name, part in run.parts.items()}
-    none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
+    none = Markup(
+        f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
+    )
     facts = {
-        **{markdown(key): markdown(text) for key, text in code.facts.items()},
+        **code.facts,
         "digest": code.digest,
         "saturation": c.summary().get("saturation", none),
         "type": code.real.name,
         "inputs differ from the simulation's by": export.allowed.text,
-        "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
-        "stack of a step": stack_text(code.files, code.name, code.real.name),
+        "memory of one controller": Markup(
+            f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)"
+        ),
+        "stack of a step": Markup(stack_text(code.files, code.name, code.real.name)),
         "constants": f"{code.constants} numbers",
-        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4-contract` counts the most "
-        "instructions",
-        "from `<math.h>`": ", ".join(mathematics(code.source)),
+        "arithmetic operations of one step": Markup(
+            f"about {code.operations}; `make cortex-m4-contract` counts the most instructions"
+        ),
+        Markup("from `<math.h>`"): ", ".join(mathematics(code.source)),
     }
     return {
         "facts": list(facts.items()),
         "signals": signals,
-        "codes": [
+        "codes": of_file(
             (f"`{code.upper(key)}`", row.value, row.meaning, row.reaction.format(name=code.name))
             for key, row in code.codes.items()
             if key != "BAD_MEASUREMENT" or not code.predicts
-        ],
-        "parameters": [
+        ),
+        "parameters": of_file(
             (f"`{code.upper(f'P_{part.upper()}')}`", place.stop - place.start, PARTS[part])
             for part, place in c.data.places.items()
             if place.stop > place.start
-        ],
+        ),
         "every": EVERY,
         "far": reaches_far(code),
         "at_limit": [(count, AT_LIMIT[name]) for name, count in counts.items() if count and name in AT_LIMIT],

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.codegen.c import Real, constant
 from flexhinf.loop import Controller
@@ -132,10 +133,10 @@ def corners(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def range_rows(rows: list[Range], real: Real) -> str:
+def range_rows(rows: list[Range], real: Real) -> Markup:
     """The ranges as constants of C."""
     anything = ", ".join(constant(end, real) for end in (-np.inf, np.inf))
     lines: list[str] = []
     for place, below, *ends in rows:
         lines.append(f"    {{{place}, {below}, {', '.join(constant(float(end), real) for end in ends)}}}")
-    return ",\n".join(lines).replace(anything, "ANY")
+    return Markup(",\n".join(lines).replace(anything, "ANY"))

@@ -1,9 +1,10 @@
 """Templates of exported files, which read like what they emit: jinja2, with the marks ``@{name}``.
 
-A value enters as it is, but for what users wrote, which enters through the filter of its kind of file: ``comment`` and
-``c_string`` of C, ``quoted`` of C++ and YAML, ``xml``, ``attributes`` and ``xacro``, ``js``, ``markdown``. HTML and
-XML escape every value that no filter has. A mark without a value is an error, and what looks like a mark in a value is
-none.
+What users wrote enters through the filter of its place: ``comment`` and ``c_string`` of C, ``quoted`` of C++ and
+YAML, ``xml``, ``attributes`` and ``xacro``, ``js``, ``markdown``. A text that no filter has passed is escaped in HTML
+and XML, and is `bare` elsewhere: where a filter was forgotten, a text may look wrong, and runs nothing. Code enters as
+`Markup`, which says that it is of the file. A mark without a value is an error, and what looks like a mark in a value
+is none.
 """
 
 from __future__ import annotations
@@ -11,14 +12,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache, partial, wraps
 from importlib.resources import files
 from textwrap import wrap
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from jinja2 import Environment
+from jinja2 import Environment, pass_context
+from jinja2.runtime import Context
 from markupsafe import Markup
 
 from flexhinf import __version__
@@ -49,17 +51,17 @@ def c_values(name: str, real: Real) -> dict[str, object]:
     """What every template of C may use: the name, also in capitals, the type with its suffixes, constants of it."""
     number = partial(_number, real=real, nan=f"({name}_real)NAN")
 
-    def row(values: Iterable[float] | np.ndarray) -> str:
-        return ", ".join(map(number, np.ravel(np.asarray(values))))
+    def row(values: Iterable[float] | np.ndarray) -> Markup:
+        return Markup(", ".join(map(number, np.ravel(np.asarray(values)))))
 
-    def numbers(values: Iterable[float]) -> str:
+    def numbers(values: Iterable[float]) -> Markup:
         return in_lines([number(float(x)) for x in values], 4)
 
-    def integers(rows: Iterable[Iterable[int]]) -> str:
-        return ",\n".join(f"    {{{', '.join(map(str, one))}}}" for one in rows)
+    def integers(rows: Iterable[Iterable[int]]) -> Markup:
+        return Markup(",\n".join(f"    {{{', '.join(str(int(k)) for k in one)}}}" for one in rows))
 
-    def matrix(rows: Iterable[Sequence[float] | np.ndarray]) -> str:
-        return ",\n".join(f"    {{{row(values)}}}" for values in rows)
+    def matrix(rows: Iterable[Sequence[float] | np.ndarray]) -> Markup:
+        return Markup(",\n".join(f"    {{{row(values)}}}" for values in rows))
 
     return {
         "name": name,
@@ -88,27 +90,39 @@ def arithmetic(name: str, real: Real) -> str:
     return render("arithmetic.c", **c_values(name, real))
 
 
-def in_lines(numbers: Sequence[object], count: int = 20) -> str:
-    """Integers between commas, some in a line."""
+def bare(value: object) -> Markup:
+    """A text as words and numbers: no kind of file has a character among them that ends a comment or a string, begins a
+    directive, calls, or assigns."""
+    return Markup(re.sub(r"[^A-Za-z0-9_ .,+-]", "_", str(value)))
+
+
+def in_lines(numbers: Sequence[object], count: int = 20) -> Markup:
+    """Numbers between commas, some in a line."""
     rows = (map(str, numbers[k : k + count]) for k in range(0, len(numbers), count))
-    return ",\n".join("    " + ", ".join(row) for row in rows)
+    return Markup(",\n".join("    " + ", ".join(map(_own, row)) for row in rows))
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table of Markdown."""
-    lines = ([str(cell).replace("|", r"\|") for cell in line] for line in [head, ["---"] * len(head), *rows])
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> Markup:
+    """A table of Markdown; cells are shown as they are, but for those that are `Markup`."""
+    lines = ([_cell(cell) for cell in line] for line in [head, ["---"] * len(head), *rows])
+    return Markup("\n".join(f"| {' | '.join(cells)} |" for cells in lines))
 
 
-def markdown(text: object) -> str:
+def markdown(text: object) -> Markup:
     """A text of one line that Markdown shows as it is: no emphasis, code, link, element of HTML, or entity."""
-    return re.sub(r"[\\`*<>\[\]&]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", " ".join(str(text).split()))
+    line = " ".join(str(text).split())
+    return Markup(re.sub(r"[\\`*<>\[\]&]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", line))
+
+
+def of_file(rows: Iterable[Iterable[object]]) -> list[tuple[Markup, ...]]:
+    """Rows of a table whose cells are Markdown of our own."""
+    return [tuple(Markup(str(cell)) for cell in row) for row in rows]
 
 
 def enumeration(rows: Sequence[tuple[str, object, str]]) -> str:
     """Constants of C with their values and a comment each."""
     lines = [
-        f"    {name} = {value}{',' * (k + 1 < len(rows))} /* {text} */"
+        f"    {bare(name)} = {bare(value)}{',' * (k + 1 < len(rows))} /* {comment(text)} */"
         for k, (name, value, text) in enumerate(rows)
     ]
     return "\n".join(["enum {", *lines, "};"])
@@ -122,17 +136,26 @@ def stated(facts: Mapping[str, str]) -> str:
     )
 
 
-def _number(value: float, real: Real, nan: str) -> str:
-    return nan if np.isnan(value) else constant(float(value), real)
+def _number(value: float, real: Real, nan: str) -> Markup:
+    return Markup(nan if np.isnan(value) else constant(float(value), real))
 
 
-def _starred(text: str, width: int = 112) -> str:
+def _own(value: object) -> Markup:
+    """Text of the file as it is, any other `bare`."""
+    return value if isinstance(value, Markup) else bare(value)
+
+
+def _cell(value: object) -> str:
+    return str(value if isinstance(value, Markup) else markdown(value)).replace("|", r"\|")
+
+
+def _starred(text: str, width: int = 112) -> Markup:
     """Sentences as lines of a comment."""
-    return "\n * ".join(wrap(text, width))
+    return Markup("\n * ".join(wrap(str(_own(text)), width)))
 
 
-def _paragraph(text: str, width: int = 118) -> str:
-    return "\n".join(wrap(text, width))
+def _paragraph(text: str, width: int = 118) -> Markup:
+    return Markup("\n".join(wrap(str(_own(text)), width)))
 
 
 def _quoted(texts: str | Iterable[str]) -> str:
@@ -174,21 +197,43 @@ def _js(value: object) -> Markup:
     return Markup(json.dumps(value, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
 
 
+def _passed(function: Callable[..., str]) -> Callable[..., Markup]:
+    """A filter whose result may stand in its kind of file; it reads `Markup` as any other text."""
+
+    @wraps(function)
+    def passed(value: object) -> Markup:
+        return Markup(function(str(value) if isinstance(value, Markup) else value))
+
+    return passed
+
+
 FILTERS: Final[Mapping[str, Callable[..., str]]] = {
-    "comment": comment,
     "starred": _starred,
-    "stated": stated,
-    "enumeration": enumeration,
     "paragraph": _paragraph,
-    "c_string": _c_string,
-    "quoted": _quoted,
-    "yaml": _yaml,
+    "xacro": _xacro,
     "xml": _xml,
     "attributes": _attributes,
-    "xacro": _xacro,
     "js": _js,
-    "markdown": markdown,
+    **{
+        name: _passed(function)
+        for name, function in {
+            "comment": comment,
+            "stated": stated,
+            "enumeration": enumeration,
+            "c_string": _c_string,
+            "quoted": _quoted,
+            "yaml": _yaml,
+            "markdown": markdown,
+        }.items()
+    },
 }
+
+
+@pass_context
+def _written(context: Context, value: object) -> object:
+    """What a mark writes: a text that no filter has passed is `bare`, or escaped by jinja2 in HTML and XML."""
+    of_file = isinstance(value, Markup) or (context.name or "").endswith(ESCAPED)
+    return value if of_file else bare(value)
 
 
 @cache
@@ -201,6 +246,7 @@ def environment() -> Environment:
         folder = root if name.startswith("web/") else root / "templates"
         return (folder / name).read_text(encoding="utf-8")
 
-    created = template_reader(source, lambda name: name is not None and name.endswith(ESCAPED))
+    created = template_reader(source, lambda name: True)
+    created.finalize = _written
     created.filters.update(FILTERS)  # pyright: ignore[reportUnknownMemberType]: jinja2 has no types for these
     return created

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
@@ -94,7 +95,7 @@ def _health(code: ControllerCode, measured: Sequence[str]) -> list[dict[str, str
             continue
         for k, name in enumerate(measured):
             rows.append((f"{count}.{name}", f"static_cast<double>(output_.{count}[{k}])"))
-    return [{"name": name, "value": value} for name, value in rows]
+    return [{"name": name, "value": Markup(value)} for name, value in rows]
 
 
 def _identifiers(signals: Sequence[str]) -> list[str]:
@@ -178,4 +179,4 @@ def _start_values(
         for link, motor in zip(standstill.links, standstill.motors, strict=True):
             at_link, at_motor = (place[standstill.plant.states[k]] for k in (link, motor))
             joints.append({"link_measured": at_link, "motor_measured": at_motor, "motor_state": motor})
-    return {"from_pose": standstill is not None, "command": command, "joints": joints}
+    return {"from_pose": standstill is not None, "command": [*map(Markup, command)], "joints": joints}

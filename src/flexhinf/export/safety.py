@@ -16,7 +16,7 @@ from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, STATUS, ControllerCode
 from flexhinf.export.follow import follower_of
 from flexhinf.export.recording import Recording
-from flexhinf.export.rendering import markdown
+from flexhinf.export.rendering import of_file
 from flexhinf.loop import Status
 from flexhinf.loop.controller.memory import SPACING
 
@@ -63,11 +63,11 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
     """What ``safety.md`` states, for a recording of the test vector."""
     return {
         "commit": commit(),
-        "faults": faults(code),
-        "bits": bits(code),
-        "requirements": requirements(code),
-        "misra": matrix(),
-        "facts": [(markdown(key), markdown(text)) for key, text in code.facts.items()],
+        "faults": of_file(faults(code)),
+        "bits": of_file(bits(code)),
+        "requirements": of_file(requirements(code)),
+        "misra": of_file(matrix()),
+        "facts": list(code.facts.items()),
         "provoked": run.provocation is not None,
         "set_bits": set_bits(code, run),
         "spacing": SPACING,

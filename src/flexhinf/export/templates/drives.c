@@ -40,7 +40,7 @@ static int begin_here(@{name}_input *input, @{name}_output *output)
     if (begin_with(&state) != @{NAME}_OK) {
         return 0;
     }
-    @{rest_at_home("input->r")} /* the command until there is another */
+    @{rest_at_home("input->r" | safe)} /* the command until there is another */
 {% else %}
     @{name}_real rest[@{NAME}_STATES + @{NAME}_INPUTS] = {0};
     static const int links[] = {@{links | join(", ")}}; /* which measurements are the links' positions */

@@ -72,7 +72,7 @@ int @{name}_step(@{name}_state *state, const double *path, @{name}_output *outpu
             motion[k][j] = k > 0 ? sum : sum + state->path[newest][j];
         }
     }
-    @{called}(@{arguments | join(', ')});
+    @{called}(@{arguments});
 {% if limited %}
     failed += beyond_limits(state, output->command);
 {% endif %}

@@ -5,7 +5,7 @@
 #include "@{name}.h"
 
 #define MODEL_NAME "@{name}"
-#define MODEL_GUID "@{guid}"
+#define MODEL_GUID @{guid | quoted}
 #define MODEL_PERIOD @{c.period}
 #define MODEL_PERIOD_TEXT "@{period_text}"
 

@@ -9,7 +9,7 @@
 {% include "arithmetic.c" %}
 
 #define MODEL_NAME "@{name}"
-#define MODEL_GUID "@{guid}"
+#define MODEL_GUID @{guid | quoted}
 #define MODEL_PERIOD @{period}
 #define MODEL_PERIOD_TEXT "@{period_text}"
 

@@ -1,4 +1,4 @@
-{% macro finite(x) %}@{"-" if x == -infinity}@{"(" ~ name ~ "_real)INFINITY" if x in (infinity, -infinity) else number(x)}{% endmacro %}
+{% macro finite(x) %}@{"-" if x == -infinity}{% if x in (infinity, -infinity) %}(@{name}_real)INFINITY{% else %}@{number(x)}{% endif %}{% endmacro %}
 {% macro listed(values) %}{ {%- for x in values %}@{finite(x)}@{", " if not loop.last}{% endfor -%} }{% endmacro %}
 {% macro pair(values) %}{@{listed(values[0])}, @{listed(values[1])}}{% endmacro %}
 /* Test of @{name}_follow: goals and events with what Follower of flexhinf @{version} answers to them.
@@ -71,7 +71,7 @@ static const real home[JOINTS] = {@{row(home)}};
 
 /* What no row may exceed: jumps, and twists of springs; 0 is any. */
 static const real jumps[JOINTS] = {@{row(jumps)}};
-static const real twists[JOINTS] = @{"{"}{% for x in twists %}@{number(0.0 if x == infinity else x)}@{", " if not loop.last}{% endfor %}};
+static const real twists[JOINTS] = @{"{" | safe}{% for x in twists %}@{number(0.0 if x == infinity else x)}@{", " if not loop.last}{% endfor %}};
 static const int motors[JOINTS] = {@{motors | join(", ")}};
 
 static @{name}_follow_state state;

@@ -15,6 +15,7 @@ from typing import Any
 
 import casadi
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from flexhinf import __version__
@@ -250,7 +251,7 @@ class LiveArm:
         return render(
             "web/simulation.c",
             **c_values(NAME, DOUBLE),
-            functions=str(translator),
+            functions=Markup(translator),
             n=plant.n,
             m=len(plant.inputs),
             d=len(plant.disturbances),
@@ -315,7 +316,7 @@ class LiveArm:
             known.get(name, constant(float(at), DOUBLE))
             for name, at in zip(self.controller.estimated, self.code.belief, strict=True)
         ]
-        return {"estimate": f"const double belief[] = {{{', '.join(numbers)}}};", "belief": "belief"}
+        return {"estimate": Markup(f"const double belief[] = {{{', '.join(numbers)}}};"), "belief": "belief"}
 
     @cached_property
     def deviations(self) -> np.ndarray:
@@ -563,8 +564,8 @@ def _finite(numbers: ArrayLike) -> list[float | None]:
     return [number if math.isfinite(number) else None for number in np.ravel(numbers).tolist()]
 
 
-def _call(function: tuple[str, casadi.Function], arguments: Sequence[str], result: str) -> str:
+def _call(function: tuple[str, casadi.Function], arguments: Sequence[str], result: str) -> Markup:
     """A call in C; arguments without elements are left out."""
     name, traced = function
     kept = [text for k, text in enumerate(arguments) if traced.numel_in(k)]
-    return f"{name}({', '.join([*kept, result])});"
+    return Markup(f"{name}({', '.join([*kept, result])});")
