@@ -317,10 +317,9 @@ def _played(
 
 def _rows(session: Session, samples: Sequence[FollowMotion]) -> np.ndarray:
     """What the program compares of samples: state, input, places and velocities."""
-    motions = np.array([sample.motion for sample in samples]).transpose(1, 0, 2)
-    state, u = session.follower.robot.inverse_dynamics(*motions)
-    places, velocities = (np.array([sample[k] for sample in samples]) for k in (1, 2))
-    return np.hstack([state, u, places, velocities])
+    motions, positions, velocities, _ = map(np.array, zip(*samples))
+    state, u = session.follower.robot.inverse_dynamics(*motions.transpose(1, 0, 2))
+    return np.hstack([state, u, positions, velocities])
 
 
 def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[dict[str, Any]]:

@@ -214,6 +214,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "xml": _xml,
     "attributes": _attributes,
     "js": _js,
+    "markdown": markdown,
     **{
         name: _passed(function)
         for name, function in {
@@ -223,7 +224,6 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
             "c_string": _c_string,
             "quoted": _quoted,
             "yaml": _yaml,
-            "markdown": markdown,
         }.items()
     },
 }
@@ -232,8 +232,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
 @pass_context
 def _written(context: Context, value: object) -> object:
     """What a mark writes: a text that no filter has passed is `bare`, or escaped by jinja2 in HTML and XML."""
-    of_file = isinstance(value, Markup) or (context.name or "").endswith(ESCAPED)
-    return value if of_file else bare(value)
+    return value if (context.name or "").endswith(ESCAPED) else _own(value)
 
 
 @cache
