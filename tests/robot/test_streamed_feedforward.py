@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -91,13 +92,17 @@ def test_position_with_offsets_says_the_same_as_the_command(robot, feedforward):
     assert by_command == pytest.approx(rows.motor_torque, rel=1e-9, abs=1e-8)
 
 
-def test_c_and_rows_are_those_of_python(feedforward, tmp_path):
-    folder = export_feedforward(feedforward, tmp_path / "code", "arm", move([0.0, 0.1], [0.5, 1.0], 0.3, 0.2))
+@pytest.mark.parametrize("shaper", [False, True])
+def test_c_and_rows_are_those_of_python(feedforward, tmp_path, shaper):
+    path = move([0.0, 0.1], [0.5, 1.0], 0.3, 0.2)
+    folder = export_feedforward(feedforward, tmp_path / "code", "arm", path, shaper=shaper)
     with (folder / "rows.csv").open() as file:
         head, *rows = csv.reader(file)
     assert head[:3] == ["time [s]", "path_a [rad]", "path_b [rad]"]
     table = np.array(rows, dtype=float)
-    assert table[:, 3:5] == pytest.approx(feedforward.rows(table[:, 1:3]).command)
+    streamed = feedforward.shaped(path) if shaper else path
+    assert table[:, 1:3] == pytest.approx(path)
+    assert table[:, 3:5] == pytest.approx(feedforward.rows(streamed).command)
     if not (shutil.which("cc") and shutil.which("make")):
         pytest.skip("there is no C compiler, or no make")
     flags = "CFLAGS=-O2 -std=c99 -Wall -Wextra -Werror -ffp-contract=off"
@@ -105,10 +110,28 @@ def test_c_and_rows_are_those_of_python(feedforward, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_c_says_where_a_vibration_is_slower_than_it_keeps(feedforward, tmp_path, needs_compiler):
+    """A shaper whose memory was made for a stiffer arm shapes by what it has, and returns 4."""
+    needs_compiler("cc")
+    folder = export_feedforward(feedforward, tmp_path / "code", "arm", np.zeros((3, 2)), shaper=True)
+    header = folder / "arm.h"
+    kept = re.search(r"_KEPT (\d+)", text := header.read_text(encoding="utf-8"))
+    assert kept is not None
+    header.write_text(text.replace(kept[0], "_KEPT 20"), encoding="utf-8")
+    (folder / "late.c").write_text(
+        '#include "arm.h"\nint main(void) { arm_state s; arm_output o; const double at[2] = {0.0, 0.0};'
+        " return arm_init(&s, at) ? 1 : arm_step(&s, at, &o); }",
+        encoding="utf-8",
+    )
+    subprocess.run(
+        ["cc", "-ffp-contract=off", "late.c", "arm.c", "-lm", "-o", "late"], cwd=folder, check=True
+    )
+    assert subprocess.run([folder / "late"]).returncode == 4
+
+
 def test_what_does_not_fit_is_refused_and_the_advice_works(robot, feedforward, tmp_path):
     with refused_with(InvalidInput, 0.02):
         fh.Feedforward(robot, PERIOD, 0.021)
-    assert fh.Feedforward(robot, PERIOD, 0.02).delay == pytest.approx(0.06)
     with refused_with(InvalidInput, "(N, 2)"):
         feedforward.rows(np.zeros((5, 3)))
     with refused_with(InvalidInput, "finite"):

@@ -84,9 +84,9 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         _export_feedforward(o)
         return
     refuse_if(
-        o.path or o.smoothing,
-        "A path or its smoothing is stated without --feedforward.",
-        f"expected neither for a controller, got {o.path or o.smoothing}",
+        o.path or o.smoothing or o.shaper,
+        "A path, its smoothing or a shaper is stated without --feedforward.",
+        f"expected none for a controller, got {o.path or o.smoothing or '--shaper'}",
         f"flexhinf export c {o.source} --feedforward, for a robot; or leave it out",
     )
     if o.name:
@@ -167,10 +167,12 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
         assert isinstance(table, WaypointTable)
         spline = Waypoints(table.times, table.positions(robot.joint_names, robot.links.slides), "through")
         still = 2.0 * feedforward.delay + feedforward.period
+        if o.shaper:
+            still += 2.0 * float(feedforward.shaping_delay([spline(spline.duration)])[0])
         path = [spline(t) for t in np.arange(0.0, spline.duration + still, feedforward.period)]
     name = o.name or _identifier(robot)
     out = o.out or _named_after(o.source, "-feedforward")
-    export_feedforward(feedforward, out, name, path, o.force)
+    export_feedforward(feedforward, out, name, path, o.force, o.shaper)
     typer.echo(f"{name}.h, {name}.c and rows.csv: {out.absolute()}\ntest:  make -C {quote(str(out))} test")
 
 

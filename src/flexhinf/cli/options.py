@@ -320,6 +320,8 @@ class ExportCOptions(MachineOptions):
     smoothing: Text = option("", TARGET,
         "Time between the knots of the spline that smooths a path, with --feedforward: five periods by default.",
         "20ms", "s")
+    shaper: bool = option(False, TARGET,
+        "Shape the path first, with --feedforward: where stiffness or load is uncertain, less vibration is left.")
     force: bool = option(False, WRITTEN, "Write into a folder that is not empty.")
 
 

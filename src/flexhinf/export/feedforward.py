@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from flexhinf.export.rendering import arithmetic
 from flexhinf.robot.command_limits import command_limits, command_shares
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
+from flexhinf.robot.shaper import longest_period, spring_matrices
 from flexhinf.robot.signals import UNITS
 
 #: Samples of the recorded path, beside its end at rest, and most where drives limit commands; largest difference of C
@@ -44,19 +46,21 @@ def export_feedforward(
     name: str = "feedforward",
     path: Any = None,
     force: bool = False,
+    shaper: bool = False,
 ) -> Path:
     """Write the C of a `Feedforward` with a test, and `rows.csv`: its commands along a path (N, n), rad or m.
 
-    By default the path is a move from home to the middle of the joints' ranges, or by half a radian. `make test` in the
-    folder compares the C with these rows. Raises InvalidInput: for a folder that is not empty (unless `force`), a name
-    that is no identifier of C, or a path that does not fit.
+    By default the path is a move from home to the middle of the joints' ranges, or by half a radian. With `shaper` C
+    and rows shape what is streamed first, as `Feedforward.shaped` does. `make test` in the folder compares the C with
+    these rows. Raises InvalidInput: for a folder that is not empty (unless `force`), a name that is no identifier of C,
+    a path that does not fit, or a shaper where springs do not hold the links.
     """
     name, target = checked_identifier(name), checked_folder(Path(folder), force)
-    streamed = _example_path(feedforward) if path is None else path
-    rows = feedforward.rows(streamed)
+    streamed = _example_path(feedforward, shaper) if path is None else path
+    rows = feedforward.rows(feedforward.shaped(streamed) if shaper else streamed)
     streamed = np.reshape(np.asarray(streamed, dtype=float), rows.command.shape)
-    export = FeedforwardExport(feedforward, name, streamed, rows)
-    files = rendered(FILES, export, name, DOUBLE, **_facts(feedforward))
+    export = FeedforwardExport(feedforward, name, streamed, rows, shaper)
+    files = rendered(FILES, export, name, DOUBLE, **_facts(export))
     write_files(target, files | {"rows.csv": rows_text(feedforward, streamed, rows)})
     return target
 
@@ -75,7 +79,7 @@ def rows_text(feedforward: Feedforward, path: np.ndarray, rows: FeedforwardRows)
     return "\n".join([",".join(head), *(",".join(map(repr, row)) for row in table.tolist())]) + "\n"
 
 
-def _example_path(feedforward: Feedforward) -> np.ndarray:
+def _example_path(feedforward: Feedforward, shaper: bool) -> np.ndarray:
     robot = feedforward.robot
     home = np.array(robot.home)
     goal = np.array(
@@ -85,11 +89,14 @@ def _example_path(feedforward: Feedforward) -> np.ndarray:
         ]
     )
     goal = np.where(np.abs(goal - home) < 1e-3, home + 0.1, goal)
-    still, samples = np.repeat(goal[None], feedforward.weights.shape[1] + 10, axis=0), SAMPLES
+    late = 2.0 * float(feedforward.shaping_delay([goal])[0]) if shaper else 0.0
+    settling = feedforward.weights.shape[1] + 10 + math.ceil(late / feedforward.period)
+    still, samples = np.repeat(goal[None], settling, axis=0), SAMPLES
     while True:
         s = np.linspace(0.0, 1.0, samples)
         path = np.vstack([home + np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), goal - home), still])
-        commands = robot.inverse_dynamics(*feedforward.smoothed(path))[1]
+        shaped = feedforward.shaped(path) if shaper else path
+        commands = robot.inverse_dynamics(*feedforward.smoothed(shaped))[1]
         if samples >= MOST or np.max(command_shares(robot, commands, feedforward.period)) <= 1.0:
             return path
         samples *= 2
@@ -120,18 +127,35 @@ def _functions(feedforward: Feedforward) -> ca.Function:
 
 @dataclass(frozen=True)
 class FeedforwardExport:
-    """A feedforward with a path (N, n) and its commands, by which its C is tested."""
+    """A feedforward with a path (N, n) and its commands, by which its C is tested; `shaper`: it shapes the path."""
 
     feedforward: Feedforward
     name: str
     path: np.ndarray
     rows: FeedforwardRows
+    shaper: bool
+
+    @property
+    def kept(self) -> int:
+        """Samples that a filter of the shaper keeps: more than the longest period of a vibration."""
+        return math.ceil(longest_period(self.feedforward.robot, self.path) / self.feedforward.period) + 2
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the state."""
+        robot, size = self.feedforward.robot, self.feedforward.weights.shape[1]
+        n = len(robot.joint_names)
+        rings = 2 * len(robot.layout.elastic) * self.kept if self.shaper else 0
+        return 8 * n * (size + rings + self.shaper) + 8
 
 
-def _facts(feedforward: Feedforward) -> dict[str, object]:
+def _facts(export: FeedforwardExport) -> dict[str, object]:
     """What the templates say of a robot and its feedforward."""
-    robot = feedforward.robot
+    feedforward, robot = export.feedforward, export.feedforward.robot
     return {
+        "shaper": export.shaper,
+        "vibrations": len(robot.layout.elastic),
+        "kept": export.kept if export.shaper else 0,
         "robot": robot.name,
         "joints": robot.joint_names,
         "count": len(robot.joint_names),
@@ -146,9 +170,18 @@ def _facts(feedforward: Feedforward) -> dict[str, object]:
 def _source(export: FeedforwardExport) -> dict[str, object]:
     translator, function = Translator(export.name, DOUBLE), _functions(export.feedforward)
     called = translator.function(function)
-    most = command_limits(export.feedforward.robot)
+    robot = export.feedforward.robot
+    most, shaper = command_limits(robot), dict[str, object]()
+    if export.shaper:
+        matrices = spring_matrices(robot)
+        shaper = {
+            "matrices": translator.function(matrices),
+            "matrices_arguments": Markup("pose, mass, stiffness"),
+            "turn": constant(2.0 * math.pi / export.feedforward.period, DOUBLE),
+        }
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
     return {
+        **shaper,
         "weights": _listed(export.feedforward.weights),
         "rates": _limits_text(most[0]),
         "accelerations": _limits_text(most[1]),
@@ -190,7 +223,7 @@ def _readme(export: FeedforwardExport) -> dict[str, object]:
         "drive": robot.drive,
         "period": f"{feedforward.period:g} s",
         "the links are later than the path by": f"{feedforward.delay:g} s",
-        "memory": f"{8 * size * n + 8} bytes",
+        "memory": f"{export.memory} bytes",
         "sums of a step": f"{5 * size * n} products and the inverse dynamics",
     }
     return {"facts": list(facts.items())}

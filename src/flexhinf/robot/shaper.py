@@ -11,51 +11,94 @@ samples are interpolated linearly, so that nothing jumps. The sum of weights is 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.arrays import Matrix
 from flexhinf.errors import refuse_if
 
 if TYPE_CHECKING:
     from flexhinf.robot.robot import Robot
 
-#: Step of central differences of gravity's torques, rad or m.
-STEP = 1e-4
+#: Poses at which the slowest vibration is looked for, and the half of a range without ends, rad or m.
+POSES, HALF_RANGE = 1000, np.pi
+#: Share of the slowest frequency found with which memory is planned; how much slower than on the path may be planned.
+SLOWER, WEAKER = 0.9, 5.0
 
 
-def vibration_frequencies(robot: Robot, poses: np.ndarray) -> np.ndarray:
+def spring_matrices(robot: Robot) -> Any:
+    """The links while the motors are held, as a CasADi function of the pose: mass and stiffness (m, m) at the springs.
+
+    The stiffness is that of the springs and gravity's slope; what a position drive yields to its load is part of the
+    springs. Exact, by the derivatives of the inverse dynamics.
+    """
+    from flexhinf.plant.model import ParameterTable
+
+    table = ParameterTable(dict(robot.plant_parameters()))
+    shapes = tuple((name, value.shape) for name, value in table.values.items())
+    return _spring_matrices(
+        robot.links, robot.drive, robot.layout.rigid, shapes, tuple(table.vector().tolist())
+    )
+
+
+@lru_cache(maxsize=16)
+def _spring_matrices(
+    links: Any,
+    drive: str,
+    rigid: tuple[int, ...],
+    shapes: tuple[tuple[str, tuple[int, ...]], ...],
+    vector: tuple[float, ...],
+) -> Any:
+    import casadi as ca
+
+    from flexhinf.plant.model import ParameterTable
+    from flexhinf.robot.elastic import InverseFlow, Layout, traced_inverse
+
+    n = len(links.tree)
+    elastic, still = Layout(n, rigid).elastic, ca.DM.zeros(n)
+    p = vars(ParameterTable({name: np.zeros(shape) for name, shape in shapes}).named(np.array(vector)))
+    stiffness = ca.DM(np.atleast_1d(p["stiffness"]))
+    q, acceleration = ca.SX.sym("q", n), ca.SX.sym("a", n)
+    inverse = traced_inverse(InverseFlow(links, "torque", rigid=rigid), shapes)
+    state, _ = inverse(q, still, acceleration, still, still, ca.DM(vector))
+    load = stiffness * (state[2 * n : 2 * n + len(elastic)] - q[elastic])
+    mass = ca.jacobian(load, acceleration)[:, elastic]
+    slope = ca.jacobian(ca.substitute(load, acceleration, still), q)[:, elastic]
+    softness = 1.0 / stiffness
+    if drive == "position":
+        yields = np.broadcast_to(np.divide(p["load_share"], p["drive_stiffness"]), n)
+        softness = softness + ca.DM(yields[elastic])
+    parts = [
+        ca.densify(ca.substitute(mass, acceleration, still)),
+        ca.densify(ca.diag(1.0 / softness) + slope),
+    ]
+    return ca.Function("spring_matrices", [q], parts, ["q"], ["mass", "stiffness"], {"cse": True})
+
+
+def _squares(robot: Robot, poses: Matrix) -> Matrix:
+    """Squares of the vibrations' angular frequencies (N, m), lowest first; negative where the springs do not hold."""
+    size, count = len(robot.layout.elastic), len(poses)
+    mass, stiffness = (
+        np.reshape(np.array(part, dtype=float), (size, count, size)).transpose(1, 0, 2)
+        for part in spring_matrices(robot)(poses.T)
+    )
+    lower = np.linalg.cholesky(mass)
+    half = np.linalg.solve(lower, stiffness)
+    return np.array(np.linalg.eigvalsh(np.linalg.solve(lower, half.transpose(0, 2, 1))), dtype=float)
+
+
+def vibration_frequencies(robot: Robot, poses: Matrix) -> Matrix:
     """Frequencies (N, m) of the m elastic joints' vibrations at poses (N, n), slowest first, Hz.
 
     Motors are held by their drives; what a position drive yields to its load is part of the springs.
     Raises InvalidInput: where gravity is stronger than the springs.
     """
-    layout, p = robot.layout, robot.plant_parameters()
-    stiffness = np.atleast_1d(np.asarray(p["stiffness"], dtype=float))
-
-    def torques(at: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-        still = np.zeros_like(at)
-        state, _ = robot.inverse_dynamics(at, still, acceleration, still, still)
-        q, _, theta, _ = layout.split(state.T)
-        return stiffness * (theta - layout.at_springs(q)).T
-
-    still, size = np.zeros_like(poses), len(layout.elastic)
-    weight = torques(poses, still)
-    mass, gravity = np.empty((2, len(poses), size, size))
-    for column, joint in enumerate(layout.elastic):
-        unit = np.zeros_like(poses)
-        unit[:, joint] = 1.0
-        mass[:, :, column] = torques(poses, unit) - weight
-        above, below = (torques(poses + sign * STEP * unit, still) for sign in (1.0, -1.0))
-        gravity[:, :, column] = (above - below) / (2.0 * STEP)
-    softness = 1.0 / stiffness
-    if robot.drive == "position":
-        yields = np.broadcast_to(np.divide(p["load_share"], p["drive_stiffness"]), poses.shape[1])
-        softness = softness + yields[layout.elastic]
-    squares = np.sort(np.linalg.eigvals(np.linalg.solve(mass, np.diag(1.0 / softness) + gravity)).real)
-    worst = divmod(int(np.argmin(squares)), size)[0] if size else 0
+    squares = _squares(robot, poses)
+    worst = int(np.argmin(squares[:, 0]))
     refuse_if(
-        bool(size) and squares.min() <= 0.0,
+        squares[worst, 0] <= 0.0,
         "The springs do not hold the links at a pose of the path.",
         f"expected springs stronger than gravity, got none at {poses[worst].round(4).tolist()}",
         "the unit of the stiffness; or the path without a shaper",
@@ -63,20 +106,33 @@ def vibration_frequencies(robot: Robot, poses: np.ndarray) -> np.ndarray:
     return np.sqrt(squares) / (2.0 * np.pi)
 
 
-def delayed(path: np.ndarray, period: float, by: np.ndarray) -> np.ndarray:
+def longest_period(robot: Robot, path: Matrix) -> float:
+    """Longest period of a vibration, s, along a path (N, n) and at poses all over the joints' ranges, with a margin.
+
+    Poses where the springs hardly hold the links do not count.
+    """
+    ends = [(-HALF_RANGE, HALF_RANGE) if pair is None else pair for pair in robot.links.limits]
+    low, high = np.nan_to_num(np.array(ends).T, posinf=HALF_RANGE, neginf=-HALF_RANGE)
+    on_path = float(vibration_frequencies(robot, path)[:, 0].min())
+    squares = _squares(robot, np.random.default_rng(0).uniform(low, high, (POSES, len(ends))))[:, 0]
+    elsewhere = np.sqrt(squares[squares > (2.0 * np.pi * on_path / WEAKER) ** 2]) / (2.0 * np.pi)
+    return 1.0 / (SLOWER * min(on_path, *elsewhere.tolist()))
+
+
+def delayed(path: Matrix, period: float, by: Matrix) -> Matrix:
     """A path (N, n), which rested at its first row before, later by a time (N,) of each sample, s."""
     times = period * np.arange(len(path))
     return np.stack([np.interp(times - by, times, column) for column in path.T], axis=1)
 
 
-def shaped_by(frequencies: np.ndarray, path: np.ndarray, period: float) -> np.ndarray:
+def shaped_by(frequencies: Matrix, path: Matrix, period: float) -> Matrix:
     """A path (N, n) through the filters of frequencies (N, m), Hz, one after the other."""
     for hertz in frequencies.T:
         path = (path + 2.0 * delayed(path, period, 0.5 / hertz) + delayed(path, period, 1.0 / hertz)) / 4.0
     return path
 
 
-def shaped_path(robot: Robot, path: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+def shaped_path(robot: Robot, path: Matrix, period: float) -> tuple[Matrix, Matrix]:
     """A path (N, n), shaped, and by how much it is later at each sample (N,), s."""
     frequencies = vibration_frequencies(robot, shaped_by(vibration_frequencies(robot, path), path, period))
     return shaped_by(frequencies, path, period), np.sum(0.5 / frequencies, axis=1)

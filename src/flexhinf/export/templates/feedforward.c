@@ -33,6 +33,10 @@ static int beyond_limits(@{name}_state *state, const double *command)
 }
 
 {% endif %}
+{% if shaper %}
+{% include "shaper.c" %}
+
+{% endif %}
 int @{name}_init(@{name}_state *state, const double *path)
 {
     for (int i = 0; i < @{NAME}_SAMPLES; ++i) {
@@ -44,21 +48,37 @@ int @{name}_init(@{name}_state *state, const double *path)
 {% if limited %}
     state->moved = 0;
 {% endif %}
+{% if shaper %}
+    start_shaper(state, path);
+{% endif %}
     return @{name}_exact() ? 0 : 1;
 }
 
 int @{name}_step(@{name}_state *state, const double *path, @{name}_output *output)
 {
     double motion[5][@{NAME}_JOINTS];
+{% if shaper %}
+    double shaped[@{NAME}_JOINTS];
+{% endif %}
     const int newest = (state->newest + 1) % @{NAME}_SAMPLES;
     const double *const before = state->path[state->newest];
     int failed = 0;
     for (int j = 0; j < @{NAME}_JOINTS; ++j) {
         failed |= !isfinite(path[j]);
     }
+{% if shaper %}
+    for (int j = 0; j < @{NAME}_JOINTS; ++j) {
+        state->streamed[j] = failed ? state->streamed[j] : path[j];
+    }
+    const int slow = shape(state, shaped);
+    for (int j = 0; j < @{NAME}_JOINTS; ++j) {
+        state->path[newest][j] = isfinite(shaped[j]) ? shaped[j] : before[j];
+    }
+{% else %}
     for (int j = 0; j < @{NAME}_JOINTS; ++j) {
         state->path[newest][j] = failed ? before[j] : path[j];
     }
+{% endif %}
     state->newest = newest;
     for (int k = 0; k < 5; ++k) {
         for (int j = 0; j < @{NAME}_JOINTS; ++j) {
@@ -75,6 +95,9 @@ int @{name}_step(@{name}_state *state, const double *path, @{name}_output *outpu
     @{called}(@{arguments});
 {% if limited %}
     failed += beyond_limits(state, output->command);
+{% endif %}
+{% if shaper %}
+    failed += slow ? 4 : 0;
 {% endif %}
     return failed;
 }
