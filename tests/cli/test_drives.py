@@ -87,6 +87,7 @@ def test_a_design_of_one_pose_goes_everywhere(
     if drive == "position":
         assert fh.load_controller(folder / "one").limits.rate.tolist() == [5.0]
     done(["campaign", "run", "one", "--samples", "4", "--out", "many"])
+    assert ("largest acceleration" in (folder / "many" / "index.html").read_text()) == (drive == "position")
     done(["campaign", "compare", "one", "other", "--samples", "4", "--out", "both"])
     assert (folder / "both" / "index.html").is_file()
 

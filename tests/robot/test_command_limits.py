@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,10 +17,15 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.design.judgement import limit_requirements, saturation_requirement
+from flexhinf.design.monte_carlo import RunMetrics, changes_reduction
 from flexhinf.design.plans import plan_commands, quintic_move, stated_move
 from flexhinf.design.responses import Response, joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.export.feedforward import export_feedforward
+from flexhinf.loop import Instant, JerkLimited
+from flexhinf.loop.simulation.metrics import Command
+from flexhinf.robot import check_reference
+from flexhinf.robot.command_limits import command_changes
 
 PERIOD = 4e-3
 DRIVE = 'drive = "position"\ndrive_bandwidth = "20 Hz"\ndrive_damping_ratio = 0.9\n'
@@ -105,6 +110,41 @@ def test_a_run_is_judged_by_them(robot_of):
     (stays,) = saturation_requirement(joint_limits(robot, S), [response(ramp)], "here")
     assert (stays.found, stays.joint) == (pytest.approx(1.0), "b")
     assert saturation_requirement(joint_limits(robot_of(""), S), [response(ramp)], "here") == []
+
+
+def test_a_campaign_at_a_pose_requires_them_and_computes_what_a_run_is_judged_by(robot_of):
+    """Of samples one after the other, as an ensemble sees them; a robot without such limits has no such metric."""
+    limits = joint_limits(robot_of("drive_rate_limit = 2.0", "drive_acceleration_limit = 30.0"), S)
+    metrics = RunMetrics(limits, (np.zeros(2), np.ones(2)))
+    assert metrics.uses == ("speed_limit_use", "input_rate_use", "input_acceleration_use")
+    assert RunMetrics(joint_limits(robot_of(""), S), (np.zeros(2), np.ones(2))).uses == ("speed_limit_use",)
+    inputs = np.random.default_rng(3).normal(size=(50, 2)).cumsum(axis=0) + 7.0
+    reduction = changes_reduction(2, PERIOD)
+    memory = np.array(reduction.start)
+    for step, row in enumerate(inputs):
+        memory = reduction.updated(memory, cast("Instant", SimpleNamespace(step=float(step), input=row)))
+    found = reduction.result(memory[:, None], cast("Command", None))
+    expected = [np.abs(rows).max(axis=0) for rows in command_changes(inputs, PERIOD)]
+    for kind, rows in zip(("rate", "acceleration"), expected):
+        assert found[kind][0] == pytest.approx(rows, rel=1e-12)
+    use = limits.acceleration_use(response(inputs)).share
+    assert use == pytest.approx(expected[1][1] / 30.0)
+
+
+def test_a_reference_that_breaks_them_is_refused_and_the_advice_works(robot_of):
+    robot = robot_of("drive_acceleration_limit = 4.0")
+
+    def checked(duration, effort=None):
+        plan = JerkLimited(
+            [0.0, 0.0], [0.8, 0.0], 2.0 / duration, 6.0 / duration**2, 40.0 / duration**3, smoothing=0.1
+        )
+        return check_reference(robot, plan, plan.duration, effort, PERIOD)
+
+    assert checked(0.8) == 0.0
+    with pytest.raises(InvalidInput) as refusal:
+        checked(0.8, [np.inf, np.inf])
+    longer = 1.1 * 0.8 * float(re.findall(r"in ([\d.]+) times", refusal.value.advice)[0])
+    assert checked(longer, [np.inf, np.inf]) == 0.0
 
 
 def test_feedforward_refuses_a_path_that_breaks_them_and_the_advice_works(robot_of):

@@ -473,11 +473,9 @@ class PoseCampaign(DesignCampaign[Controller]):
     @property
     def requirements(self) -> tuple[str, ...]:
         """Requirements on each run from the design's specification, besides reaching its end."""
-        limits, move = self.metrics.limits, ("tracking_error_use<=1", "final_error_use<=1")
+        move = ("tracking_error_use<=1", "final_error_use<=1")
         step = ("settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot_limit:g}")
-        peak = ("input_limit_use<=1",) if limits.limits_peak else ()
-        speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
-        return (*(step if self.plan is None else move), *peak, *speed)
+        return (*(step if self.plan is None else move), *(f"{name}<=1" for name in self.metrics.uses))
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:

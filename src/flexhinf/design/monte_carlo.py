@@ -16,12 +16,16 @@ from flexhinf.design.responses import LONGEST, JointLimits
 from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import Command, step_reduction, updated_late_error, updated_peak
 from flexhinf.robot.signals import signal_names
+from flexhinf.scalars import where
 
 #: Largest number of instants of a run that are kept.
 KEPT = 400
 
 #: A sampled robot that has not settled at the end of the step gets a run of so many times its length.
 LONGER = 4.0
+
+#: What a drive may limit of its command.
+CHANGES = ("rate", "acceleration")
 
 #: Metrics of the step of one joint that moves.
 STEP_UNITS = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
@@ -217,6 +221,30 @@ def _named_sizes(
     return {**named, "estimate": kept[-1]}
 
 
+def changes_reduction(joints: int, period: float) -> Reduction:
+    """Largest rates and accelerations (N, n) of the inputs, ``rate`` and ``acceleration``: per s, and per s², as those
+    of `flexhinf.robot.command_limits.command_changes`."""
+    return Reduction(
+        [0.0] * (4 * joints),
+        partial(_changes, joints, period),
+        partial(_named_changes, joints),
+        ("changes of inputs", joints, period),
+    )
+
+
+def _changes(n: int, period: float, kept: Any, now: Instant) -> Any:
+    # the last inputs and rates, and the largest rates and accelerations, n each
+    before, rate, fastest, strongest = (kept[k * n : (k + 1) * n] for k in range(4))
+    rates = [(new - where(now.step >= 1.0, old, new)) / period for old, new in zip(before, now.input)]
+    accelerations = [(new - old) / period for old, new in zip(rate, rates)]
+    fastest = list(map(updated_peak, fastest, rates))
+    return np.array([*now.input, *rates, *fastest, *map(updated_peak, strongest, accelerations)])
+
+
+def _named_changes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"rate": kept[2 * n : 3 * n].T, "acceleration": kept[3 * n :].T}
+
+
 @dataclass(frozen=True, eq=False)
 class RunMetrics:
     """Metrics of a run: the worst of all joints and, for several joints, the value of each."""
@@ -258,9 +286,20 @@ class RunMetrics:
         each = {name: units for name, (units, _) in self.joint_metrics.items()}
         each["estimation_error"] = self.limits.position_units
         common = {name: units[0] if len(set(units)) == 1 else "" for name, units in each.items()}
-        uses = {"input_limit_use": self.limits.limits_peak, "speed_limit_use": self.limits.limits_speed}
-        common |= {name: "" for name, limited in uses.items() if limited}
+        common |= dict.fromkeys(self.uses, "")
         return common | {name: each[kind][k] for name, (kind, k) in self._of_joints.items()}
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """Shares of the limits that there are, of which each run has at most 1."""
+        limits = self.limits
+        limited = {
+            "input_limit_use": limits.limits_peak,
+            "speed_limit_use": limits.limits_speed,
+            "input_rate_use": limits.limits_rate,
+            "input_acceleration_use": limits.limits_acceleration,
+        }
+        return tuple(name for name, there in limited.items() if there)
 
     @cached_property
     def _of_joints(self) -> dict[str, tuple[str, int]]:
@@ -274,6 +313,8 @@ class RunMetrics:
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
         reductions = run_reductions(self.ends, columns, pairs)
+        if self.limits.limits_rate or self.limits.limits_acceleration:
+            reductions.append(changes_reduction(len(self.limits.joints), self.limits.period))
         return Metrics(
             self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._of_joints)
         )
@@ -291,13 +332,16 @@ class RunMetrics:
             tracking, (most, most_late) = common["tracking_error"], self.required
             every |= {"tracking_error": tracking, "tracking_error_use": tracking / most}
             every |= {"final_error": late, "final_error_use": late / most_late}
+        changes = {
+            f"input_{kind}_use": common.get(kind, late) / getattr(self.limits, kind) for kind in CHANGES
+        }
+        uses = {"input_limit_use": effort / self.limits.peak, "speed_limit_use": speed / self.limits.speed}
         return {
             **{
                 kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
                 for kind, (_, joints) in self.joint_metrics.items()
             },
             "estimation_error": common["estimate"] if estimated else nothing,
-            "input_limit_use": (effort / self.limits.peak).max(axis=1),
-            "speed_limit_use": (speed / self.limits.speed).max(axis=1),
+            **{name: use.max(axis=1) for name, use in (uses | changes).items() if name in self.uses},
             **{name: every[kind][:, k] for name, (kind, k) in self._of_joints.items()},
         }

@@ -21,6 +21,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import Parameters
 from flexhinf.plant.plant import motion_of
 from flexhinf.robot.arm import Pendulum
+from flexhinf.robot.command_limits import check_commands
 from flexhinf.robot.dynamics import bodies_of, frames_of, mass_matrix, matrix_of
 from flexhinf.robot.elastic import DRIVES, INNER
 from flexhinf.robot.parameters import checked_limits, payload_masses, per_joint
@@ -48,8 +49,9 @@ def check_reference(
     duration, period : float
         s; checked every `period`, both ends included.
     effort : number, (n,) or mapping by joint, optional
-        Largest absolute input of each motor, V, A, or N·m (N): the feedforward along the reference must stay below it.
-        Needs signals with four derivatives; ``robot.effort_limits`` are those that the robot states.
+        Largest absolute input of each motor, V, A, or N·m (N): the feedforward along the reference must stay below it,
+        and its changes from one `period` to the next what the robot's drives take. Needs signals with four derivatives;
+        ``robot.effort_limits`` are those that the robot states.
     speed : number, (n,) or mapping by joint, optional
         Largest absolute velocity of each link, rad/s or m/s; by default what the robot states.
 
@@ -87,7 +89,9 @@ def check_reference(
     checks = [(motion[1], fastest, "link_velocity")] if order else []
     if effort is not None:
         limit = checked_limits("The efforts", effort, robot.joint_names, motors)
-        checks.append((robot.inverse_dynamics(*motion)[1], limit, DRIVES[robot.drive]))
+        commands = robot.inverse_dynamics(*motion)[1]
+        check_commands(robot, commands[:-1], period)
+        checks.append((commands, limit, DRIVES[robot.drive]))
     largest = 0.0
     for rows, limit, quantity in checks:
         share = np.abs(rows) / limit
