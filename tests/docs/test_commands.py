@@ -210,6 +210,8 @@ LONG_CALLS = (
     "fh.excitation(",
     "fh.filter_log(",
 )
+#: Commands of a page above which their starts alone are long.
+SEVERAL = 4
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]
 
@@ -218,7 +220,8 @@ def _tier(name: str, blocks: list[Block]) -> list[pytest.MarkDecorator]:
     """When commands run; those that design are long."""
     if name in NIGHTLY:
         return [pytest.mark.nightly(NIGHTLY[name])]
-    long = any(command.long for block in blocks for command in block.commands)
+    several = sum(len(block.commands) for block in blocks) > SEVERAL
+    long = several or any(command.long for block in blocks for command in block.commands)
     return [pytest.mark.ci("runs each command of the page")] * long
 
 

@@ -30,7 +30,7 @@ def rows():
     """Times, commands and both positions by SciPy's integration of the two equations, commands two periods late."""
     robot, rng = servo(LOOP), np.random.default_rng(2)
     p = robot.plant_parameters()
-    times, command = PERIOD * np.arange(700), np.zeros(700)
+    times, command = PERIOD * np.arange(450), np.zeros(450)
     for hertz in (0.7, 1.9, 4.3, 8.1):
         command += 0.02 * np.sin(2.0 * np.pi * hertz * times + rng.uniform(0.0, 6.0))
     link, k, inertia, b = (float(np.ravel(p[name])[0]) for name in OF_JOINT)

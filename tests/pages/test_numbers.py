@@ -41,7 +41,11 @@ def leaves(value: Any) -> list[Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["rings", "true state", pytest.param("met", marks=pytest.mark.ci("a law of degree 4"))],
+    [
+        pytest.param("rings", marks=pytest.mark.ci("a design more")),
+        "true state",
+        pytest.param("met", marks=pytest.mark.ci("a law of degree 4")),
+    ],
 )
 def test_every_number_is_finite_or_null(report_design: Make, name: str) -> None:
     found = numbers(report_design(name))
