@@ -102,6 +102,8 @@ def test_a_design_of_the_workspace_goes_everywhere(
     drive, robot, loop = servo
     workspaces.few(monkeypatch, POSES=4, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(18.0,))
     done(["design", robot, *loop, "--out", "whole"])
+    said = capsys.readouterr().out
+    assert bool(unnamed(said, "Not met")) == bool(unnamed(said, "export c ROBOT --feedforward"))
     done(["campaign", "run", "whole", "--samples", "3", "--extra-delay", "1", "--out", "many"])
     done(["compare", "whole", "--laws", f"{drive}-drive", "--out", "compared"])
     assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []

@@ -30,6 +30,7 @@ from flexhinf.pages.terminal import (
 )
 from flexhinf.report import KeyNumber, Table, number
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import INNER
 from flexhinf.robot.kinematics import heavy_motors
 from flexhinf.robot.waypoints import LIMITS
 
@@ -194,11 +195,17 @@ def workspace_advice(design: WorkspaceEvidence, advice: Advice | None, most: int
         "With motor encoders alone PD + gravity compensation is simpler and may do as well, see “Which law, and when” "
         "in the documentation."
     )
+    without = (
+        "These drives also follow without feedback: flexhinf export c ROBOT --feedforward --shaper, see “Drives” in "
+        "the documentation."
+    )
     alone = motors_alone(design.robot, design.specification)
-    found = advice is not None and advice.found is not None
-    parts = ("" if advice is None else tried_text(design, advice, most), "" if found else _to_check(design))
-    parts = (*parts, simpler * (alone and not found))
-    return " ".join(filter(None, parts))
+    tried = "" if advice is None else tried_text(design, advice, most)
+    if advice is not None and advice.found is not None:
+        return tried
+    return " ".join(
+        filter(None, (tried, _to_check(design), simpler * alone, without * (design.robot.drive in INNER)))
+    )
 
 
 def tried_text(design: WorkspaceEvidence, advice: Advice, most: int | None = None) -> str:
