@@ -179,13 +179,16 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
     searched = " and the worst robot found by search" if cases else ""
     met = (
         f"Every one of {judged.count} samples{searched} keeps the {len(judged.requirements)} requirements of this "
-        "campaign; that is no proof for the robots between."
+        "campaign."
     )
     own = verdict_of(judged.table.journal)
+    certify = "" if own is None else " flexhinf certify DESIGN says what is proved of its controller."
+    sampled = f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing by a campaign.{certify}"
     kept = [] if own is not None and own.missed else [Status("met", met)]
     return [
         *([Status("not met", text) for text in missed] or kept),
         *([] if own is None else design_statuses(own)),
+        Status("not proved", sampled),
         *(
             Status(
                 "not proved", "A disturbance attains more than the proved γ: the proof or the loop is wrong."
