@@ -21,6 +21,7 @@ from itertools import accumulate, groupby
 
 import casadi
 
+from flexhinf.codegen.cut import Filling
 from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, Part, Slice
 from flexhinf.codegen.operations import OPERATIONS, SELECT
@@ -30,9 +31,9 @@ from flexhinf.scalars.trace import built
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
 WORTH = 100
 
-#: Operations of a function to which another stage is not added, of one to which a new section of the algorithm is
-#: added all the same, and of a stage that is cut.
-MOST, SECTION, LONGEST = 160, 8, 400
+#: Operations of a function to which a new section of the algorithm is not added, and of all columns of a matrix that
+#: go together.
+SECTION, COLUMNS = 8, 400
 
 #: Results that are neighbours among the arguments, from which on they are copied.
 FEW = 4
@@ -170,20 +171,14 @@ class _Operations:
 
     # Functions ----------------------------------------------------------------------------------------
     def grouped(self, part: Mapping[int, int]) -> dict[int, Group]:
-        """The function of each operation: whole stages up to `MOST` operations, all columns of a matrix if they are not
-        too many, or a piece of a long stage."""
+        """The function of each operation: whole stages, and all columns of a matrix if they are not too many."""
         group = dict[int, Group]()
         for which in sorted({*part.values()}):
-            number, total, before = 0, 0, -1
+            filling, before = Filling(SECTION), -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
                 begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
-                new = alone or (begins and total >= SECTION)
-                if total and (new or total + len(values) > MOST):
-                    number, total = number + 1, 0
-                pieces = -(-len(values) // LONGEST)
-                for place, k in enumerate(values):
-                    group[k] = which, number + place * pieces // len(values), 0
-                number, total, before = number + pieces - 1, total + len(values), stage
+                number, before = filling.add(len(values), begins, alone), stage
+                group |= dict.fromkeys(values, (which, number, 0))
         group = {k: group[k] for k in part}
         self.together(group)
         ends = list[int]()
@@ -221,7 +216,7 @@ class _Operations:
         own = sorted(members, key=self.stage.__getitem__)
         for _, family in groupby(own, lambda k: names[self.stage[k]] if names else self.stage[k]):
             values = list(family)
-            if len(values) <= LONGEST:
+            if len(values) <= COLUMNS:
                 yield self.stage[values[0]], values, False
             else:
                 yield from ((n, list(some), True) for n, some in groupby(values, self.stage.__getitem__))

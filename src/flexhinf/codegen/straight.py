@@ -21,6 +21,7 @@ import casadi
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import SCRATCH
+from flexhinf.codegen.cut import Filling
 from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice, overlap
 from flexhinf.codegen.program import (
     Call,
@@ -49,8 +50,8 @@ SHORT = 64
 #: Order of a Cholesky factor that is written out.
 ORDER = 2
 
-#: Operations of a function above which a step begins another one, and from which on a section of the algorithm does.
-MOST, SECTION = 160, 24
+#: Operations of a function to which a new section of the algorithm is not added.
+SECTION = 24
 
 #: The stage of sums of products, which has no name.
 SUMS = "sums"
@@ -109,22 +110,22 @@ class _Straight:
     # Steps --------------------------------------------------------------------------------------------
     def _body(self, body: Sequence[Step], end: set[Place]) -> tuple[Step, ...]:
         body = [self._factor(step) if isinstance(step, Cholesky) else step for step in body]
-        live, done, group, total = self._live(body, end), list[Step](), list[Step](), 0
+        live, done, group = self._live(body, end), list[Step](), list[Step]()
+        filling, number = Filling(SECTION), 0
         for k, step in enumerate(body):
             if self._joins(step):
-                size = _size(step)
-                if (size and total + size > MOST) or (total >= SECTION and self._about(step)):
+                if number != (number := filling.add(_size(step), bool(self._about(step)))):
                     done += self._joined(group, live[k])
-                    group, total = [], 0
+                    group = []
                 group.append(step)
-                total += size
                 continue
             if isinstance(step, Copy) and not any(_meet(step, other) for other in group):
                 done.append(step)
                 continue
             done += self._joined(group, live[k])
             done.append(self._alone(step, live[k + 1]))
-            group, total = [], 0
+            group = []
+            filling.end()
         return (*done, *self._joined(group, live[-1]))
 
     def _factor(self, step: Cholesky) -> Step:

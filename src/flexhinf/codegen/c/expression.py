@@ -70,6 +70,7 @@ class Expressions:
                 if self._takes_name(operation, place):
                     self._plain.add(value)
         self.results = Counter(value for _, _, value in flow.outputs)
+        self.sizes = dict[int, int]()  # operations of each value's expression
         self._within = self._embedded(inside)
 
     def _takes_name(self, operation: Operation, place: int) -> bool:
@@ -85,7 +86,7 @@ class Expressions:
 
     def _embedded(self, inside: Mapping[int, Hashable]) -> set[int]:
         """Values that stand in the expression that uses them."""
-        found, sizes, widths = set[int](), dict[int, int](), dict[int, int]()
+        found, sizes, widths = set[int](), self.sizes, dict[int, int]()
         for k, operation in self.flow.operations.items():
             if operation.code in LEAVES:
                 continue
