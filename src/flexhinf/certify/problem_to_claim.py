@@ -38,7 +38,7 @@ from flexhinf.validation import HUGE
 #: Operations of CasADi that are functions of a certificate, by the names that they have in NumPy.
 ELEMENTARY = {code: row.name for code, row in OPERATIONS.items() if row.name in FUNCTIONS}
 #: Those that rational polynomials have.
-RATIONAL = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_ASSIGN}
+RATIONAL = {code for code, row in OPERATIONS.items() if row.polynomial}
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
 

@@ -31,7 +31,6 @@ from flexhinf.codegen.operations import OPERATIONS
 LANES = 8
 DOUBLE, VECTOR, LONG, INT, SHORT = "double", f"<{LANES} x double>", "i64", "i32", "i16"
 _SIZES = {SHORT: 2, INT: 4}  # bytes of what has other than 8, or is no multiple of it
-_INTEGER = {casadi.OP_ADD: "add", casadi.OP_SUB: "sub", casadi.OP_MUL: "mul", casadi.OP_DIV: "sdiv"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +175,7 @@ class Text:
         kind = next(value.kind for value in operands if isinstance(value, Value))
         names = [self.number(value, kind).name for value in operands]
         if kind == LONG:
-            return Value(self, kind, self.lines.whole(_INTEGER[code], *names))
+            return Value(self, kind, self.lines.whole(OPERATIONS[code].whole, *names))
         return Value(self, kind, OPERATIONS[code].llvm(self.writer(kind), *names))
 
     def fused(self, a: Value, b: Value, c: Value) -> Value:

@@ -21,7 +21,7 @@ from itertools import accumulate, groupby
 
 import casadi
 
-from flexhinf.codegen.cut import Filling
+from flexhinf.codegen.cut import Filling, pieces
 from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, Part, Slice
 from flexhinf.codegen.operations import OPERATIONS, SELECT
@@ -37,9 +37,6 @@ SECTION, COLUMNS = 8, 400
 
 #: Results that are neighbours among the arguments, from which on they are copied.
 FEW = 4
-
-#: Products, which become one with the only sum that reads them.
-PRODUCTS, SUMS = (casadi.OP_MUL, casadi.OP_SQ), (casadi.OP_ADD, casadi.OP_SUB)
 
 #: A function: of those before a flag is asked, where it is set, or after (0, 1, 2), the k-th; where a reciprocal ends
 #: one, the piece of it.
@@ -159,26 +156,36 @@ class _Operations:
         small = sum(p == 1 for p in part.values()) < WORTH
         return (None, whole) if small or part[flag] else (flag, part)
 
+    def fuses(self, one: int, k: int) -> bool:
+        """Whether an operation is a product, and becomes one with a sum if only that reads it."""
+        product, total = (OPERATIONS[self.operations[each].code] for each in (one, k))
+        return bool(product.factors) and total.fused is not None
+
     def together(self, place: dict[int, int] | dict[int, Group]) -> None:
         """Move operations to where the only ones are that read them, and that they become one with."""
         uses = Counter(argument for k in place for argument in self.operands(k))
         uses.update(k for _, _, k in self.outputs)
         for k in reversed(place):
             for one in self.operands(k):
-                fused = self.operations[one].code in PRODUCTS and self.operations[k].code in SUMS
-                if one in place and uses[one] == 1 and fused:
+                if one in place and uses[one] == 1 and self.fuses(one, k):
                     place[one] = place[k]  # type: ignore[assignment]
 
     # Functions ----------------------------------------------------------------------------------------
     def grouped(self, part: Mapping[int, int]) -> dict[int, Group]:
-        """The function of each operation: whole stages, and all columns of a matrix if they are not too many."""
+        """The function of each operation: whole stages, all columns of a matrix if they are not too many, or a piece of
+        a long stage."""
         group = dict[int, Group]()
         for which in sorted({*part.values()}):
             filling, before = Filling(SECTION), -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
                 begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
-                number, before = filling.add(len(values), begins, alone), stage
-                group |= dict.fromkeys(values, (which, number, 0))
+                before, last = stage, dict[int, int]()
+                for place, k in enumerate(values):
+                    last |= dict.fromkeys(self.operands(k), place)
+                uses = [last.get(k, -1) for k in values]
+                for k, own in enumerate(values[piece] for piece in pieces([1] * len(values), uses)):
+                    number = filling.add(len(own), begins and not k, alone and not k)
+                    group |= dict.fromkeys(own, (which, number, 0))
         group = {k: group[k] for k in part}
         self.together(group)
         ends = list[int]()

@@ -39,7 +39,7 @@ from flexhinf.codegen.program import (
 )
 from flexhinf.codegen.stages import staged_call
 from flexhinf.scalars import cholesky, trace
-from flexhinf.scalars.trace import instructions
+from flexhinf.scalars.trace import opcodes
 
 #: Operations of a function up to which every call of it is written out; a larger one only where it is called once.
 SMALL = 48
@@ -338,8 +338,7 @@ def _sum(step: OuterSum, read: Callable[[Slice], list[casadi.SX]]) -> list[casad
 
 
 def _operations(function: casadi.Function) -> int:
-    others = (casadi.OP_CONST, casadi.OP_INPUT, casadi.OP_OUTPUT)
-    return sum(code not in others for code, *_ in instructions(function))
+    return sum(1 for _ in opcodes(function))
 
 
 def _size(step: Step) -> int:

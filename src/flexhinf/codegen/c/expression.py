@@ -179,11 +179,9 @@ class Expressions:
         ]
         if operation.code in self._calls:
             return Text(f"{self._calls[operation.code]}({operands[0].bare})", True)
-        text = OPERATIONS[operation.code].c
-        first = self.flow.operations[operation.arguments[0]].code
-        if first == casadi.OP_CONST or first in TRUTHS:  # which is a number
-            text = text.replace("({1} < {0}) || (isnan({0}) != 0)", "{1} < {0}")
-            text = text.replace("({1} > {0}) || (isnan({0}) != 0)", "{1} > {0}")
+        row, first = OPERATIONS[operation.code], self.flow.operations[operation.arguments[0]].code
+        number = first == casadi.OP_CONST or first in TRUTHS
+        text = row.c_of_number if number and row.c_of_number else row.c
         written = text.format(*operands, one=self._unit, zero=self._zero, f=self.real.suffix)
         called = written[0].isalpha() and text.endswith(")")
         return Text(written, called or operation.code == casadi.OP_ASSIGN)

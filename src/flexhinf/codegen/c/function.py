@@ -26,7 +26,7 @@ from flexhinf.codegen.c.expression import Expressions
 from flexhinf.codegen.c.layout import block, headed, loop
 from flexhinf.codegen.cut import Filling, pieces
 from flexhinf.codegen.dataflow import LEAVES, Dataflow
-from flexhinf.codegen.operations import COSTLY
+from flexhinf.codegen.operations import COSTLY, OPERATIONS
 
 #: The last argument of a function that keeps rows between its loops, in memory of the caller.
 ROWS = "rows"
@@ -180,10 +180,8 @@ class FunctionText:
                 self.elements and self.elements[operation.arguments[0]]
             ):
                 known[k] = operation.arguments[0], operation.arguments[1:]
-            elif operation.code in (casadi.OP_MUL, casadi.OP_SQ):
-                factors = [
-                    known.get(each, (-1, ())) for each in (*operation.arguments, operation.arguments[0])[:2]
-                ]
+            elif operation.operands and (places := OPERATIONS[operation.code].factors):
+                factors = [known.get(operation.arguments[place], (-1, ())) for place in places]
                 (one, first), (other, second) = factors
                 if one == other >= 0 and len(first) + len(second) <= FACTORS:
                     known[k] = one, tuple(sorted(first + second))
@@ -320,9 +318,8 @@ class FunctionText:
     # Several columns ----------------------------------------------------------------------------------
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
         parts, filling = dict[int, list[str]](), Filling()
-        for size, lines in self.several():
-            if lines:
-                parts.setdefault(filling.add(size), []).extend(lines)
+        for lines in filter(None, self.several()):
+            parts.setdefault(filling.add(sum(map(_operations, lines))), []).extend(lines)
         for number, lines in enumerate(parts.values(), start=1):
             yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
 
@@ -352,18 +349,16 @@ class FunctionText:
         }
         return Expressions(self.flow, inside, self.real, self._element, self.calls, True)
 
-    def several(self) -> Iterator[tuple[int, list[str]]]:
-        """Loops over the lanes with the operations of each, cut where the library is called; one call may be of all
-        lanes at once."""
+    def several(self) -> Iterator[list[str]]:
+        """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
         operations, levels = self.flow.operations, self._levels
         kept = self.places
         for level, loops in self._loops.items():
             called = [k for k in operations if levels.get(k) == level and operations[k].code in COSTLY]
             rows = [k for k in called if self._is_of_rows(k)]
             for values, results in loops:
-                yield len(values), list(self._loop(values, kept, results))
-            alone = [k for k in called if k not in set(rows)]
-            yield len(alone), list(self._loop(alone, kept, []))
+                yield list(self._loop(values, kept, results))
+            yield list(self._loop([k for k in called if k not in set(rows)], kept, []))
             # a sine and a cosine of one argument are one call
             of: dict[int, dict[int, int]] = {}  # argument → operation → value
             for k in rows:
@@ -376,8 +371,7 @@ class FunctionText:
                 else:
                     place = algebra.ahead(ROWS, kept[argument] * self.lanes)
                 places = [algebra.ahead(ROWS, kept[values[code]] * self.lanes) for code in sorted(values)]
-                call = f"{self.rows(tuple(sorted(values)))}({', '.join([place, *places])});"
-                yield len(values), [call]
+                yield [f"{self.rows(tuple(sorted(values)))}({', '.join([place, *places])});"]
 
     def _is_of_rows(self, k: int) -> bool:
         operation = self.flow.operations[k]
