@@ -328,7 +328,7 @@ class Composer:
         whole = self.work((len(first), 1 + count * len(shapes)), "F", self._new_name(function_name(function)))
         self.copy(first, whole.T[:1].reshape(len(first)))
         places = [whole.T[1 + k * count : 1 + (k + 1) * count].T for k in range(len(shapes))]
-        self.columns(function, matrix, *held, into=tuple(places))
+        self.columns(cast("Callable[..., tuple[object, ...]]", function), matrix, *held, into=tuple(places))
         return whole
 
     def gram(self, columns: Block, weights: Block | ArrayLike, plus: Block | None = None) -> Block:
@@ -496,7 +496,7 @@ class _ColumnComposer(Composer):
         blocks = [array for array in arrays if isinstance(array, Block) and array.size]
         moving = tuple(block.place.buffer == COLUMN for block in blocks)
         if not any(moving):
-            return self._outside.call(function, *arrays)
+            return self._outside.call(cast("Callable[..., Elements]", function), *arrays)
         traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
         key = (traced.__hash__(), moving)
         if key not in self._divisions:

@@ -9,8 +9,6 @@ not constant differs at random points with probability one. Which operations swi
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
@@ -75,7 +73,8 @@ def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
     flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
     if not flat.numel():
         return np.zeros(entries.shape, dtype=bool)
-    reached: Any = np.asarray(ca.DM(ca.jacobian_sparsity(flat, z), 1.0)).astype(bool).any(axis=1)
+    pattern = np.asarray(ca.DM(ca.jacobian_sparsity(flat, z), 1.0)).astype(bool)
+    reached = np.logical_or.reduce(pattern, axis=1)
     places = np.flatnonzero(reached)
     values, terms = _at_points(flat[places.tolist()], sizes[places.tolist()], z)
     differs = reached.copy()

@@ -7,8 +7,9 @@ To add an operation: a file that calls `register` with its row, see CONTRIBUTING
 `flexhinf.scalars.symbol`.
 """
 
-# SciPy has no types.
-# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# SciPy has no types, and operands of `numpy` are of any kind.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownLambdaType=false
 
 from __future__ import annotations
 
@@ -18,10 +19,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import cast
 
 import casadi
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.codegen.emit import sines
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
@@ -42,8 +44,8 @@ SELECT = -4
 LlvmRule = (
     Callable[[Writer, str], str] | Callable[[Writer, str, str], str] | Callable[[Writer, str, str, str], str]
 )
-#: The same on floats and arrays; sums and products on whatever has their operators.
-NumpyRule = Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any]
+#: The same on floats and arrays; sums and products on whatever has their operators, of which they make one more.
+NumpyRule = Callable[..., object]
 #: Of the operands, expressions of CasADi: where one of those that it returns is zero, something is the case.
 Zeros = Callable[..., list[casadi.SX]]
 #: Of the operands, as `Deviated`.
@@ -267,19 +269,18 @@ def _sign(w: Writer, x: str) -> str:
     return w.select(w.compare("olt", x, zero), w.lanes.constant(-1.0), positive)
 
 
-def _sign_of(x: Any) -> np.ndarray:
+def _sign_of(x: ArrayLike) -> np.ndarray:
     value = np.asarray(x, dtype=float)
     return np.where(value == 0.0, value, np.sign(value))
 
 
-def _erf(x: Any) -> Any:
+def _erf(x: ArrayLike) -> ArrayLike:
     from scipy import special
 
-    function: Any = special.erf
-    return function(x)
+    return cast("Callable[[ArrayLike], ArrayLike]", special.erf)(x)
 
 
-def _remainder(x: Any, y: Any) -> Any:
+def _remainder(x: ArrayLike, y: ArrayLike) -> np.ndarray:
     """x - n·y for the integer n nearest to x/y, the even one of two (IEEE 754), without rounding."""
     size: np.ndarray = np.abs(y)
     half, left = size / 2.0, np.fmod(np.abs(x), 2.0 * size)

@@ -92,18 +92,15 @@ class _Straight:
         for step in body:
             if isinstance(step, Repeat | When):
                 found |= self._reads(step.body)
-            if not isinstance(step, Repeat):
-                for piece in slices(step)[0]:
-                    found.update(place for place in _places(piece) if place[0] in self.work)
+            for piece in slices(step)[0]:
+                found.update(place for place in _places(piece) if place[0] in self.work)
         return found
 
     def _live(self, body: Sequence[Step], end: set[Place]) -> list[set[Place]]:
         """Numbers of work buffers that are read later, before each step, and at the end."""
         live = [end]
         for step in reversed(body):
-            written: set[Place] = set()
-            if not isinstance(step, Repeat | When):
-                written = {place for piece in slices(step)[1] for place in _places(piece)}
+            written = {place for piece in slices(step)[1] for place in _places(piece)}
             live.append((live[-1] - written) | self._reads([step]))
         return live[::-1]
 
@@ -190,8 +187,7 @@ class _Straight:
 
     def _about(self, step: Step) -> str:
         """What begins with a step."""
-        written = () if isinstance(step, Repeat) else slices(step)[1]
-        begins = [self.parts.get((piece.buffer, piece.offset)) for piece in written]
+        begins = [self.parts.get((piece.buffer, piece.offset)) for piece in slices(step)[1]]
         return next((part.about for part in begins if part and part.about), "")
 
     def label(self, place: Place) -> str:
@@ -350,7 +346,7 @@ def _size(step: Step) -> int:
 
 def _meet(copy: Copy, step: Step) -> bool:
     """Whether a copy cannot be made before a step that comes before it."""
-    read, written = slices(step)  # type: ignore[arg-type]
+    read, written = slices(step)
     moved = any(overlap(copy.target, piece) for piece in (*read, *written))
     return moved or any(overlap(copy.source, piece) for piece in written)
 
@@ -378,7 +374,6 @@ def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
     used = {
         place
         for step in _all(body)
-        if not isinstance(step, Repeat)
         for side in slices(step)
         for piece in side
         if piece.buffer in free

@@ -240,7 +240,7 @@ def pack(array: object) -> ca.SX:
 
 
 def trace(
-    function: Callable[..., Any],
+    function: Callable[..., object],
     *shapes: ArgumentShape,
     name: str = "traced",
     names: Sequence[str] | None = None,
@@ -258,9 +258,7 @@ def trace(
     inputs = [pack(argument) for argument in arguments]
 
     def called() -> list[ca.SX]:
-        results = cast(Any, function)(
-            *(argument.copy() for argument in arguments)
-        )  # the code may write into them
+        results = function(*(argument.copy() for argument in arguments))  # the code may write into them
         every = cast(tuple[Elements, ...], results if isinstance(results, tuple) else (results,))
         return [pack(result) for result in every]
 
@@ -342,7 +340,7 @@ def digest(function: ca.Function) -> str:
 
 
 def jacobian(
-    function: Callable[..., Any], *shapes: ArgumentShape, name: str = "jacobian"
+    function: Callable[..., object], *shapes: ArgumentShape, name: str = "jacobian"
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Exact value and Jacobian of `function` with respect to its first argument.
 
