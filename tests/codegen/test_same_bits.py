@@ -91,7 +91,9 @@ def long() -> Program:
     call = Call(function, (Slice("x", 0, 4), Slice("w", 0, 1)), (Slice("y", 0, 3),))
     mapped = Map(function, (columns[0], Slice("w", 0, 1)), (columns[1],))
     return Program(
-        "long", (Buffer("x", 44, "in"), Buffer("w", 1, "in", True), Buffer("y", 36, "out")), (call, mapped)
+        "long_function",
+        (Buffer("x", 44, "in"), Buffer("w", 1, "in", True), Buffer("y", 36, "out")),
+        (call, mapped),
     )
 
 
@@ -100,7 +102,7 @@ def of_steps() -> dict[str, Program]:
     return {
         "operations": operations(),
         "steps": steps(),
-        "long": long(),
+        "long_function": long(),
         "map": mapped(13),
         "map_of_shared": mapped(57, shared=True),
         "sum": summed(13, 11, 5, False, weighted=True, plus=True),
