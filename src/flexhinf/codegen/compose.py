@@ -12,12 +12,10 @@ trace, is some thousand operations in loops over its sigma points.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Generator, Hashable, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
-from inspect import Parameter, signature
 from math import prod
 from typing import TYPE_CHECKING, TypeAlias, TypeVar, cast, overload
 
@@ -26,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Part, Slice
+from flexhinf.codegen.naming import argument_names, documentation, function_name, names_of, result_names
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -233,7 +232,7 @@ class Composer:
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            names = _names(function, arrays, [prod(shape) > 0 for shape in shapes])
+            names = names_of(function, arrays, [prod(shape) > 0 for shape in shapes])
             self.body.append(Call(traced, tuple(inputs), tuple(filled), documentation(function), names))
         return tuple(results) if several else results[0]
 
@@ -253,7 +252,7 @@ class Composer:
         """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
         if times < 2:
             return function(*arrays) if times else arrays
-        names = _argument_names(function, arrays) or ("repeated",) * len(arrays)
+        names = argument_names(function, arrays) or ("repeated",) * len(arrays)
         held = tuple(
             self.work(a.shape, name=self._new_name(name)) for a, name in zip(arrays, names, strict=True)
         )
@@ -306,7 +305,7 @@ class Composer:
         )
         outputs, names = (
             tuple(result.columns for result in results),
-            _names(function, (*matrices, *held), [True] * len(results)),
+            names_of(function, (*matrices, *held), [True] * len(results)),
         )
         self.body.append(Map(traced, inputs, outputs, documentation(function), names))
         return results if several else results[0]
@@ -503,7 +502,7 @@ class _ColumnComposer(Composer):
             self._divisions[key] = divide(traced, moving)
         _, later, moves = self._divisions[key]
         filled = [shape for shape in shapes if prod(shape)]
-        known = _argument_names(function, arrays)
+        known = argument_names(function, arrays)
         more, still = self._before(
             key,
             tuple(block.place for block, moves in zip(blocks, moving) if not moves),
@@ -539,67 +538,6 @@ class _ColumnComposer(Composer):
             self._outside.body.append(Call(before, held, written, "What is the same for all columns", known))
             self._parts[key, held] = column, still
         return self._parts[key, held]
-
-
-def function_name(function: Callable[..., object]) -> str:
-    """A name that CasADi takes: letters, without two underscores in a row, and no keyword."""
-    plain = _plain(function)
-    parts = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
-    return "piece" if parts in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(parts)
-
-
-def result_names(function: Callable[..., object], count: int) -> list[str]:
-    """Names of the results of a function: as it says, or by its own name."""
-    said = getattr(function, "results", getattr(_plain(function), "results", ()))
-    more = count + 1 - len(said)
-    said = [own for name in said for own in (_numbered(name[1:], more) if name.startswith("*") else [name])]
-    if len(said) == count:
-        return list(said)
-    name = function_name(function)
-    return _numbered(name, count)
-
-
-def _numbered(name: str, count: int) -> list[str]:
-    return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
-
-
-def _plain(function: Callable[..., object]) -> Callable[..., object]:
-    """The function inside of partial ones."""
-    while isinstance(function, partial):
-        function = function.func
-    return function
-
-
-def documentation(function: Callable[..., object]) -> str:
-    """What a function of ours says of itself."""
-    plain = _plain(function)
-    written = plain if hasattr(plain, "__name__") else type(plain).__call__
-    package = str(getattr(written, "__module__", "")).partition(".")[0]
-    return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
-
-
-def _argument_names(function: Callable[..., object], arrays: Sequence[object]) -> tuple[str, ...]:
-    """Names of the parameters of a function that take the blocks among some arrays; none where they are not known."""
-    try:
-        parameters = list(signature(function).parameters.values())
-    except (TypeError, ValueError):
-        return ()
-    names = [each.name for each in parameters]
-    if parameters and parameters[-1].kind is Parameter.VAR_POSITIONAL:
-        names += [f"{names[-1]}{k}" for k in range(2, len(arrays))]
-    whole = len(names) >= len(arrays)
-    return tuple(
-        name for name, array in zip(names, arrays) if whole and isinstance(array, Block) and array.size
-    )
-
-
-def _names(
-    function: Callable[..., object], arrays: Sequence[object], filled: Sequence[bool]
-) -> tuple[str, ...]:
-    """Those of the arguments, and where these are known, of the results that have elements."""
-    known = _argument_names(function, arrays)
-    results = zip(result_names(function, len(filled)), filled)
-    return (*known, *(name for name, full in results if full)) if known else ()
 
 
 def _constants(array: Elements) -> Elements:

@@ -153,7 +153,7 @@ class OperationKind:
 _smooth = partial(OperationKind, switches=nowhere, poles=nowhere)
 
 #: Where operations of one operand, and of two, are linear.
-_ONE, _BOTH = ((0,),), ((0, 1),)
+_FIRST, _TOGETHER = ((0,),), ((0, 1),)
 
 
 def _library(
@@ -290,13 +290,13 @@ def _remainder(x: ArrayLike, y: ArrayLike) -> np.ndarray:
 
 _TABLE = (
     # sums and products
-    _smooth(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}", linear=_ONE),
+    _smooth(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}", linear=_FIRST),
     _smooth(
         casadi.OP_ADD,
         operator.add,
         lambda w, a, b: w.real("fadd", a, b),
         "{0} + {1}",
-        linear=_BOTH,
+        linear=_TOGETHER,
         difference=deviations.total,
         fused=(MULTIPLY_ADD, MULTIPLY_ADD),
         whole="add",
@@ -306,7 +306,7 @@ _TABLE = (
         operator.sub,
         lambda w, a, b: w.real("fsub", a, b),
         "{0} - {1}",
-        linear=_BOTH,
+        linear=_TOGETHER,
         difference=deviations.less,
         fused=(MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT),
         whole="sub",
@@ -328,11 +328,11 @@ _TABLE = (
         lambda w, a, b: w.real("fdiv", a, b),
         "{0} / {1}",
         poles=_last,
-        linear=_ONE,
+        linear=_FIRST,
         difference=deviations.quotient,
         whole="sdiv",
     ),
-    _smooth(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}", linear=_ONE),
+    _smooth(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}", linear=_FIRST),
     _smooth(
         casadi.OP_SQ,
         lambda x: x * x,
@@ -348,7 +348,7 @@ _TABLE = (
         lambda w, x: w.real("fadd", x, x),
         "{0} + {0}",
         named=True,
-        linear=_ONE,
+        linear=_FIRST,
     ),
     _smooth(
         casadi.OP_INV,

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from flexhinf.arrays import Elements
-from flexhinf.codegen.compose import Direct, Result, documentation, function_name, result_names
+from flexhinf.codegen.compose import Direct, Result
+from flexhinf.codegen.naming import documentation, function_name, result_names
 from flexhinf.codegen.program import Stages, TracedStage
 
 if TYPE_CHECKING:
@@ -82,8 +83,8 @@ class Recorder(Direct):
 
     def _results(self, named: Callable[..., object], result: object) -> tuple[tuple[str, int, int], ...]:
         """Names, sizes and places of what a function gave; those of further columns come after those before."""
-        given = cast(tuple[Elements, ...], result if isinstance(result, tuple) else (result,))
-        sizes = [np.size(each) for each in given]
+        arrays = cast(tuple[Elements, ...], result if isinstance(result, tuple) else (result,))
+        sizes = [np.size(each) for each in arrays]
         if not self._columns:
             names, places = result_names(named, len(sizes)), [0] * len(sizes)
             for k, name in enumerate(names):

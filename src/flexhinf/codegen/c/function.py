@@ -36,7 +36,7 @@ TERMS = "terms"
 
 #: Operations of a loop over the lanes after which results that share none begin another: what a compiler loads before
 #: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
-#: whose stack would grow by what each of them needs.
+#: whose stack would grow by what each of them needs, and neither is one that keeps arrays.
 LONG = 48
 
 #: Factors of a product that is called by their places.
@@ -104,8 +104,9 @@ class FunctionText:
         return texts
 
     def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
-        apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
         whole = name == self.name
+        keeps = whole and bool(self._arrays)
+        apart = "NOINLINE " if keeps or sum(map(_operations, lines)) > LONG else ""
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
         declared, begin, written = list[str](), list[str](), (*self.results, *self._arrays, ROWS)
         for word in arguments:
