@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import pi, prod
-from typing import Any, NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict, cast
 
 import casadi as ca
 import numpy as np
@@ -213,7 +213,7 @@ class _TraceReader:
     def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
         first, second = operands[0], operands[-1]
         if code in RATIONAL:
-            return OPERATIONS[code].numpy(*operands)
+            return cast(fmpq_mpoly, OPERATIONS[code].numpy(*operands))
         if code in ELEMENTARY:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):
