@@ -87,7 +87,7 @@ def inverse() -> Iterator[OperationKind]:
     yield OperationKind(code, numpy, lambda w, x: w.library("erfinv", x), "erfinv{f}({0.bare})", costs=True)
     for kept in (OPERATIONS, operations._ADDED):
         kept.pop(code)
-    for codes in (operations.COSTLY, operations.LINEAR, operations.ELEMENTARY):
+    for codes in (operations.COSTLY, operations.ELEMENTARY):
         codes.discard(code)
     for element in (Symbol, Jet):
         delattr(element, numpy.__name__)

@@ -22,6 +22,7 @@ from flexhinf.codegen import (
     Columns,
     Copy,
     Guard,
+    Map,
     Program,
     Repeat,
     Slice,
@@ -78,11 +79,30 @@ def steps() -> Program:
     return Program("steps", buffers, body)
 
 
+def long() -> Program:
+    """A function that C cuts into several, of a column and of eleven."""
+    z, w = casadi.SX.sym("z", 4), casadi.SX.sym("w")
+    values = [*casadi.vertsplit(z), w]
+    for k in range(300):
+        a, b = values[-1], values[-5 + k % 3]
+        values.append((casadi.cos(a) * b + w, 0.5 * a - b * b, a / (2.0 + b * b))[k % 3])
+    function = casadi.Function("f", [z, w], [casadi.vertcat(*values[-3:])])
+    columns = Columns(Slice("x", 0, 44), 11), Columns(Slice("y", 3, 33), 11)
+    call = Call(function, (Slice("x", 0, 4), Slice("w", 0, 1)), (Slice("y", 0, 3),))
+    mapped = Map(function, (columns[0], Slice("w", 0, 1)), (columns[1],))
+    return Program(
+        "long_function",
+        (Buffer("x", 44, "in"), Buffer("w", 1, "in", True), Buffer("y", 36, "out")),
+        (call, mapped),
+    )
+
+
 def of_steps() -> dict[str, Program]:
     """A program of each kind of step, and of some sizes."""
     return {
         "operations": operations(),
         "steps": steps(),
+        "long_function": long(),
         "map": mapped(13),
         "map_of_shared": mapped(57, shared=True),
         "sum": summed(13, 11, 5, False, weighted=True, plus=True),

@@ -8,7 +8,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, stages
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, cut, stages
 from flexhinf.codegen.program import Stages, TracedStage
 
 SIZE, OF_STAGES, IN_STAGE = 6, 6, 60
@@ -32,15 +32,15 @@ def drawn(rng: np.random.Generator) -> Call:
     result = casadi.vertcat(*values[-8:])
     whole = casadi.Function("f", [x], [result])
     rows = tuple(TracedStage(f"stage{k}", "", ((f"of{k}", 4, 0),)) for k in range(OF_STAGES))
-    cut = Stages(casadi.Function("f", [x], [*ends, result]), rows)
-    return Call(whole, (Slice("x", 0, SIZE),), (Slice("y", 0, 8),), stages=cut)
+    traced = Stages(casadi.Function("f", [x], [*ends, result]), rows)
+    return Call(whole, (Slice("x", 0, SIZE),), (Slice("y", 0, 8),), stages=traced)
 
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions of few operations, so that there are many of them."""
-    monkeypatch.setattr(stages, "MOST", 20)
-    monkeypatch.setattr(stages, "LONGEST", 40)
+    monkeypatch.setattr(cut, "MOST", 20)
+    monkeypatch.setattr(stages, "COLUMNS", 40)
 
 
 @pytest.mark.ci("traces a whole step")
@@ -51,12 +51,13 @@ def test_a_product_stays_with_the_sum_that_it_is_fused_into(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for _ in range(15):
         traced = stages._Operations.of(drawn(rng))
-        group, products, sums = stages._Functions(traced, "scratch", "").group, stages.PRODUCTS, stages.SUMS
+        group = stages._Functions(traced, "scratch", "").group
         uses = Counter(one for k in group for one in traced.operands(k))
         uses.update(k for _, _, k in traced.outputs)
-        for k in (k for k in group if traced.operations[k].code in sums):
+        sums = {k for k in group if traced.operations[k].code in (casadi.OP_ADD, casadi.OP_SUB)}
+        for k in sums:
             for one in (one for one in traced.operands(k) if one in group):
-                alone = uses[one] == 1 and traced.operations[one].code in products
+                alone = uses[one] == 1 and traced.operations[one].code in (casadi.OP_MUL, casadi.OP_SQ)
                 assert group[one] == group[k] or not alone
 
 
@@ -82,11 +83,11 @@ def test_functions_that_pass_nothing_on_need_no_memory() -> None:
     halves = [casadi.vertcat(*(2 * v * (v + 1) for v in x[k : k + 30])) for k in (0, 30)]
     whole, ends = casadi.vertcat(*halves), [casadi.vertcat(0, half) for half in halves]
     function = casadi.Function("f", [casadi.vertcat(*x)], [whole])
-    cut = Stages(
+    traced = Stages(
         casadi.Function("f", [casadi.vertcat(*x)], [*ends, whole]),
         (TracedStage("a", "", (("a", 30, 0),)), TracedStage("b", "", (("b", 30, 0),), begins=True)),
     )
-    call = Call(function, (Slice("x", 0, 60),), (Slice("y", 0, 60),), stages=cut)
+    call = Call(function, (Slice("x", 0, 60),), (Slice("y", 0, 60),), stages=traced)
     body, buffers = stages.staged(call, "scratch")
     assert len(body) > 1
     assert buffers == ()

@@ -15,10 +15,10 @@ import pytest
 
 from flexhinf import scalars
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Program, Slice, compile_program
+from flexhinf.codegen.differences import difference
 from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import Jet, Series, Symbol, jets, spectral, trace
-from flexhinf.scalars.differences import difference
 from flexhinf.scalars.trace import BINARY, UNARY, built
 
 #: Of `flexhinf.scalars`, what is no operation on numbers: elements, and what makes or reads programs.

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import pi, prod
-from typing import Any, NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict, cast
 
 import casadi as ca
 import numpy as np
@@ -38,7 +38,7 @@ from flexhinf.validation import HUGE
 #: Operations of CasADi that are functions of a certificate, by the names that they have in NumPy.
 ELEMENTARY = {code: row.name for code, row in OPERATIONS.items() if row.name in FUNCTIONS}
 #: Those that rational polynomials have.
-RATIONAL = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_ASSIGN}
+RATIONAL = {code for code, row in OPERATIONS.items() if row.polynomial}
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
 
@@ -213,7 +213,7 @@ class _TraceReader:
     def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
         first, second = operands[0], operands[-1]
         if code in RATIONAL:
-            return OPERATIONS[code].numpy(*operands)
+            return cast(fmpq_mpoly, OPERATIONS[code].numpy(*operands))
         if code in ELEMENTARY:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):

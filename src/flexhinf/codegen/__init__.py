@@ -10,8 +10,9 @@
 `program` has the steps; `compose` makes them of NumPy code, or `recorder` keeps the stages of one trace. `dataflow` has
 the operations of a traced function in single-assignment form with products fused into sums; `emit` and `c` read each
 function of a program so. What an operation is, in NumPy, LLVM and C, and in certificates, is said by `operations`
-alone. `stages` and `straight` divide a step into functions that a person reads; `c.function` cuts what is still too
-long for one. All LLVM is written by `emit.writer`, that of `loops` too.
+alone. For C, `stages` divides a step that is one trace, `straight` joins one of many small pieces: both lead to
+functions that a person reads, as long as `cut` says, which `c.function` asks too. All LLVM is written by `emit.writer`,
+that of `loops` too.
 """
 
 from __future__ import annotations

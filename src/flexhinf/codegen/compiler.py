@@ -30,7 +30,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol, TypeVar, overload
 
 import numpy as np
 
@@ -260,7 +260,20 @@ def highest_optimisation() -> int:
     return int(stated)
 
 
-def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Any] = bytes) -> Any:
+Loaded = TypeVar("Loaded")
+
+
+@overload
+def cached(parts: tuple[str, ...], make: Callable[[], bytes]) -> bytes: ...
+
+
+@overload
+def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded: ...
+
+
+def cached(
+    parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], object] = bytes
+) -> object:
     """Load object code from the cache, or make and keep it.
 
     `parts`: Everything that the code depends on. `make`: Makes the code; called when no usable file is there. `load`:
@@ -371,7 +384,15 @@ def _after_fork() -> None:
     _LOCK.release()
 
 
-def _lock_of_llvm() -> Any:
+class _Lock(Protocol):
+    """What llvmlite's lock can do."""
+
+    def acquire(self) -> bool: ...
+
+    def release(self) -> None: ...
+
+
+def _lock_of_llvm() -> _Lock | None:
     """llvmlite's own lock, which every call of it takes, the release of old code too; None before it is loaded."""
     module = sys.modules.get("llvmlite.binding.ffi")
     return getattr(getattr(getattr(module, "lib", None), "_lock", None), "_lock", None)

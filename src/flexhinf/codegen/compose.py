@@ -12,20 +12,19 @@ trace, is some thousand operations in loops over its sigma points.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Generator, Hashable, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
-from inspect import Parameter, signature
 from math import prod
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Part, Slice
+from flexhinf.codegen.naming import argument_names, documentation, function_name, names_of, result_names
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -44,7 +43,12 @@ from flexhinf.codegen.program import (
 if TYPE_CHECKING:
     import casadi
 
+    from flexhinf.scalars.run import Run
+
 SCRATCH = "scratch"
+
+#: What a piece gives.
+Result = TypeVar("Result")
 
 #: A function of arrays, or of a run and arrays.
 Traceable = TypeVar("Traceable", bound=Callable[..., object])
@@ -69,74 +73,81 @@ class Direct:
     def begin(self) -> None:
         """Let go of what was recorded: a traced function is called more than once."""
 
-    def recorded(self) -> list[Any]:
+    def recorded(self) -> list[Elements]:
         """What was computed on the way, (k,) arrays, where the run keeps it."""
         return []
 
     def section(self, about: str) -> None:
         """Say what the next steps do, up to the next section: a comment in exported C."""
 
-    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+    def call(self, function: Callable[..., Result], *arrays: object) -> Result:
         """``function(*arrays)``, for small functions."""
         return function(*arrays)
 
-    def when(self, flag: Any) -> Any:
+    def when(self, flag: Elements) -> AbstractContextManager[object]:
         """A context for steps whose results count only where the flag (1,) is not zero: select them by the flag."""
         return nullcontext(flag)
 
-    def repeat(self, times: int, function: Callable[..., tuple[Any, ...]], *arrays: Any) -> tuple[Any, ...]:
+    def repeat(
+        self, times: int, function: Callable[..., tuple[Elements, ...]], *arrays: Elements
+    ) -> tuple[Elements, ...]:
         """``arrays = function(*arrays)``, again and again; the function calls the run by itself."""
         for _ in range(times):
             arrays = function(*arrays)
         return arrays
 
-    def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
+    def columns(
+        self, function: Callable[..., Result], moving: Elements | tuple[Elements, ...], *held: object
+    ) -> Result:
         """``function(column, *held)`` for every column.
 
         `function`: Takes a vector per moving matrix, and what is held; returns a vector, or a tuple of vectors.
         `moving`: a matrix (r, s) or a tuple of such, as the result (r', s) is.
         """
-        matrices = moving if isinstance(moving, tuple) else (moving,)
+        matrices: tuple[Elements, ...] = moving if isinstance(moving, tuple) else (moving,)
         results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
-        if not isinstance(results[0], tuple):
-            return np.stack(results, axis=1)
-        return tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
+        several = isinstance(results[0], tuple)
+        columns = cast(list[tuple[Elements, ...]], results if several else [(result,) for result in results])
+        stacks = tuple(np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        return cast(Result, stacks if several else stacks[0])
 
-    def sweep(self, stages: Callable[..., Any], matrix: Any, *held: Any) -> Any:
+    def sweep(self, stages: Callable[..., Elements], matrix: Elements, *held: object) -> Elements:
         """``stages(run, column, *held)`` for every column of a matrix (n, s), where one function would be too large.
 
         Returns (n', s).
         """
         return self.columns(partial(stages, self), matrix, *held)
 
-    def beside(self, first: Any, function: Callable[..., Any], matrix: Any, *held: Any) -> Any:
+    def beside(
+        self, first: Elements, function: Callable[..., tuple[Elements, ...]], matrix: Elements, *held: object
+    ) -> Elements:
         """A vector, as a column, and right of it the matrices of `columns` for a function of several results."""
         return np.column_stack((first, *self.columns(function, matrix, *held)))
 
-    def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+    def gram(self, columns: Elements, weights: Elements, plus: Elements | None = None) -> Elements:
         """Σ wᵢ aᵢ aᵢᵀ over columns aᵢ, plus a symmetric matrix; exactly symmetric."""
         from flexhinf.scalars import gram
 
         return gram(columns, weights) if plus is None else gram(columns, weights) + plus
 
-    def product(self, columns: Any, weights: Any, other: Any) -> Any:
+    def product(self, columns: Elements, weights: Elements, other: Elements) -> Elements:
         """Σ wᵢ aᵢ bᵢᵀ over columns aᵢ and bᵢ."""
         from flexhinf.scalars import gram
 
         return gram(columns, weights, other)
 
-    def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+    def combination(self, columns: Elements, weights: Elements, plus: Elements | None = None) -> Elements:
         """Σ wᵢ aᵢ over columns aᵢ, plus a vector."""
         return columns @ weights if plus is None else plus + columns @ weights
 
     @gives("root")
-    def cholesky(self, matrix: Any) -> Any:
+    def cholesky(self, matrix: Elements) -> Elements:
         """L of L Lᵀ, see `flexhinf.scalars.cholesky`."""
         from flexhinf.scalars import cholesky
 
         return cholesky(matrix)
 
-    def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
+    def householder(self, rows: Elements, count: int, triangle: int = 0) -> Elements:
         """Rows with the same TᵀT, the first columns zero below the diagonal, see `flexhinf.scalars.householder`.
 
         `triangle`: So many of the last rows are upper triangular, 0 or at least `count`.
@@ -145,13 +156,13 @@ class Direct:
 
         return householder(rows, count)
 
-    def residual(self, rows: Any, slope: Any) -> Any:
+    def residual(self, rows: Elements, slope: Elements) -> Elements:
         """e − C x − v of rows (e, x, v) in twice the digits, see `flexhinf.scalars.residual`."""
         from flexhinf.scalars import residual
 
         return residual(rows, slope)
 
-    def stacked(self, *matrices: Any) -> Any:
+    def stacked(self, *matrices: Elements) -> Elements:
         """Matrices of one width, one below the other."""
         return np.concatenate(matrices)
 
@@ -203,14 +214,25 @@ class Composer:
         if source.size and source.place != target.place:
             self.body.append(Copy(source.place, target.place))
 
-    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+    @property
+    def as_run(self) -> Run:
+        """This one, for algorithms: blocks stand for the arrays that they are written for."""
+        return cast("Run", self)
+
+    @overload
+    def call(self, function: Callable[..., Elements], *arrays: object) -> Block: ...
+
+    @overload
+    def call(self, function: Callable[..., tuple[object, ...]], *arrays: object) -> tuple[Block, ...]: ...
+
+    def call(self, function: Callable[..., object], *arrays: object) -> Block | tuple[Block, ...]:
         """As `Direct.call`: one traced piece."""
         traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
         results = self._results(function, shapes)
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            names = _names(function, arrays, [prod(shape) > 0 for shape in shapes])
+            names = names_of(function, arrays, [prod(shape) > 0 for shape in shapes])
             self.body.append(Call(traced, tuple(inputs), tuple(filled), documentation(function), names))
         return tuple(results) if several else results[0]
 
@@ -230,7 +252,7 @@ class Composer:
         """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
         if times < 2:
             return function(*arrays) if times else arrays
-        names = _argument_names(function, arrays) or ("repeated",) * len(arrays)
+        names = argument_names(function, arrays) or ("repeated",) * len(arrays)
         held = tuple(
             self.work(a.shape, name=self._new_name(name)) for a, name in zip(arrays, names, strict=True)
         )
@@ -245,13 +267,31 @@ class Composer:
         self.body.append(Repeat(times, tuple(inside)))
         return held
 
+    @overload
     def columns(
         self,
-        function: Callable[..., Any],
-        moving: Any,
-        *held: Any,
+        function: Callable[..., Elements],
+        moving: Block | tuple[Block, ...],
+        *held: object,
         into: tuple[Block, ...] | None = None,
-    ) -> Any:
+    ) -> Block: ...
+
+    @overload
+    def columns(
+        self,
+        function: Callable[..., tuple[object, ...]],
+        moving: Block | tuple[Block, ...],
+        *held: object,
+        into: tuple[Block, ...] | None = None,
+    ) -> tuple[Block, ...]: ...
+
+    def columns(
+        self,
+        function: Callable[..., object],
+        moving: Block | tuple[Block, ...],
+        *held: object,
+        into: tuple[Block, ...] | None = None,
+    ) -> Block | tuple[Block, ...]:
         """As `Direct.columns`: one piece, traced for one column; into new memory, or that of given blocks."""
         matrices: tuple[Block, ...] = moving if isinstance(moving, tuple) else (moving,)
         count, order = matrices[0].shape[1], matrices[0].order
@@ -265,43 +305,44 @@ class Composer:
         )
         outputs, names = (
             tuple(result.columns for result in results),
-            _names(function, (*matrices, *held), [True] * len(results)),
+            names_of(function, (*matrices, *held), [True] * len(results)),
         )
         self.body.append(Map(traced, inputs, outputs, documentation(function), names))
         return results if several else results[0]
 
-    def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
+    def sweep(self, stages: Callable[..., object], matrix: Block, *held: object) -> Block:
         """As `Direct.sweep`: steps in the memory of a column."""
         inside = _ColumnComposer(self)
         column = inside.work((matrix.shape[0],), name=self._new_name("start"))
-        result = stages(inside, column, *held)
+        result = cast(Block, stages(inside, column, *held))
         target = self.work((len(result), matrix.shape[1]), matrix.order, self._new_name("moved"))
         read, written = (matrix.columns, column.place), (target.columns, result.place)
         self.body.append(Sweep(tuple(inside.body), (read,), (written,), inside.size, tuple(inside.parts)))
         return target
 
-    def beside(self, first: Block, function: Callable[..., Any], matrix: Block, *held: Any) -> Block:
+    def beside(self, first: Block, function: Callable[..., object], matrix: Block, *held: object) -> Block:
         """As `Direct.beside`: every result is computed where it belongs."""
         n, count = matrix.shape
         shapes = self._traced(function, (matrix, *held), [(n,), *[None] * len(held)])[1]
         whole = self.work((len(first), 1 + count * len(shapes)), "F", self._new_name(function_name(function)))
         self.copy(first, whole.T[:1].reshape(len(first)))
         places = [whole.T[1 + k * count : 1 + (k + 1) * count].T for k in range(len(shapes))]
-        self.columns(function, matrix, *held, into=tuple(places))
+        self.columns(cast("Callable[..., tuple[object, ...]]", function), matrix, *held, into=tuple(places))
         return whole
 
-    def gram(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
+    def gram(self, columns: Block, weights: Block | ArrayLike, plus: Block | None = None) -> Block:
         """As `Direct.gram`."""
         points = self._ordered(columns.T, "C")
         return self._outer_sum("gram", points, points, self._weights(weights), plus, symmetric=True)
 
-    def product(self, columns: Block, weights: Any, other: Block) -> Block:
+    def product(self, columns: Block, weights: Block | ArrayLike, other: Block) -> Block:
         """As `Direct.product`."""
         return self._outer_sum("product", columns.T, other.T, self._weights(weights), None)
 
-    def combination(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
+    def combination(self, columns: Block, weights: Block | ArrayLike, plus: Block | None = None) -> Block:
         """As `Direct.combination`."""
-        left = self._block(weights).reshape(len(weights), 1)
+        factors = self._block(weights)
+        left = factors.reshape(len(factors), 1)
         return self._outer_sum("combination", left, columns.T, None, plus).reshape(columns.shape[0])
 
     def cholesky(self, matrix: Block) -> Block:
@@ -409,14 +450,15 @@ class Composer:
         if key in self._pieces:
             return self._pieces[key]
 
-        def on_symbols(*symbols: Any) -> Any:
+        def on_symbols(*symbols: Elements) -> tuple[Elements, ...]:
             nonlocal several
             columns = iter(s.T if flip else s for s, flip in zip(symbols, flipped))
             results = function(*(next(columns) if isinstance(array, Block) else array for array in arrays))
             several = isinstance(results, tuple)
-            results = tuple(map(np.asarray, results if isinstance(results, tuple) else (results,)))
-            seen[:] = [result.shape for result in results]
-            return tuple(result for result in results if result.size)
+            flat = cast("tuple[ArrayLike, ...]", results if several else (results,))
+            elements = [np.asarray(result) for result in flat]
+            seen[:] = [result.shape for result in elements]
+            return tuple(result for result in elements if result.size)
 
         self._pieces[key] = (
             drop_empty(trace(on_symbols, *lying, name=function_name(function))),
@@ -440,21 +482,27 @@ class _ColumnComposer(Composer):
         ] = {}
         self._parts: dict[Hashable, tuple[tuple[Slice, ...], list[Block]]] = {}
 
-    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+    @overload
+    def call(self, function: Callable[..., Elements], *arrays: object) -> Block: ...
+
+    @overload
+    def call(self, function: Callable[..., tuple[object, ...]], *arrays: object) -> tuple[Block, ...]: ...
+
+    def call(self, function: Callable[..., object], *arrays: object) -> Block | tuple[Block, ...]:
         """As `Direct.call`: one traced piece, or two."""
         from flexhinf.scalars import divide
 
         blocks = [array for array in arrays if isinstance(array, Block) and array.size]
         moving = tuple(block.place.buffer == COLUMN for block in blocks)
         if not any(moving):
-            return self._outside.call(function, *arrays)
+            return self._outside.call(cast("Callable[..., Elements]", function), *arrays)
         traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
         key = (traced.__hash__(), moving)
         if key not in self._divisions:
             self._divisions[key] = divide(traced, moving)
         _, later, moves = self._divisions[key]
         filled = [shape for shape in shapes if prod(shape)]
-        known = _argument_names(function, arrays)
+        known = argument_names(function, arrays)
         more, still = self._before(
             key,
             tuple(block.place for block, moves in zip(blocks, moving) if not moves),
@@ -490,67 +538,6 @@ class _ColumnComposer(Composer):
             self._outside.body.append(Call(before, held, written, "What is the same for all columns", known))
             self._parts[key, held] = column, still
         return self._parts[key, held]
-
-
-def function_name(function: Callable[..., object]) -> str:
-    """A name that CasADi takes: letters, without two underscores in a row, and no keyword."""
-    plain = _plain(function)
-    parts = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
-    return "piece" if parts in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(parts)
-
-
-def result_names(function: Callable[..., object], count: int) -> list[str]:
-    """Names of the results of a function: as it says, or by its own name."""
-    said = getattr(function, "results", getattr(_plain(function), "results", ()))
-    more = count + 1 - len(said)
-    said = [own for name in said for own in (_numbered(name[1:], more) if name.startswith("*") else [name])]
-    if len(said) == count:
-        return list(said)
-    name = function_name(function)
-    return _numbered(name, count)
-
-
-def _numbered(name: str, count: int) -> list[str]:
-    return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
-
-
-def _plain(function: Callable[..., object]) -> Callable[..., object]:
-    """The function inside of partial ones."""
-    while isinstance(function, partial):
-        function = function.func
-    return function
-
-
-def documentation(function: Callable[..., object]) -> str:
-    """What a function of ours says of itself."""
-    plain = _plain(function)
-    written = plain if hasattr(plain, "__name__") else type(plain).__call__
-    package = str(getattr(written, "__module__", "")).partition(".")[0]
-    return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
-
-
-def _argument_names(function: Callable[..., object], arrays: Sequence[object]) -> tuple[str, ...]:
-    """Names of the parameters of a function that take the blocks among some arrays; none where they are not known."""
-    try:
-        parameters = list(signature(function).parameters.values())
-    except (TypeError, ValueError):
-        return ()
-    names = [each.name for each in parameters]
-    if parameters and parameters[-1].kind is Parameter.VAR_POSITIONAL:
-        names += [f"{names[-1]}{k}" for k in range(2, len(arrays))]
-    whole = len(names) >= len(arrays)
-    return tuple(
-        name for name, array in zip(names, arrays) if whole and isinstance(array, Block) and array.size
-    )
-
-
-def _names(
-    function: Callable[..., object], arrays: Sequence[object], filled: Sequence[bool]
-) -> tuple[str, ...]:
-    """Those of the arguments, and where these are known, of the results that have elements."""
-    known = _argument_names(function, arrays)
-    results = zip(result_names(function, len(filled)), filled)
-    return (*known, *(name for name, full in results if full)) if known else ()
 
 
 def _constants(array: Elements) -> Elements:

@@ -18,15 +18,7 @@ from typing import NamedTuple
 
 import casadi
 
-from flexhinf.codegen.operations import (
-    COMPARISONS,
-    MULTIPLY_ADD,
-    MULTIPLY_SUBTRACT,
-    OPERATIONS,
-    SELECT,
-    SUBTRACT_PRODUCT,
-    TRUTHS,
-)
+from flexhinf.codegen.operations import COMPARISONS, OPERATIONS, SELECT, TRUTHS
 from flexhinf.codegen.program import Unsupported
 from flexhinf.scalars.trace import walk
 
@@ -147,14 +139,6 @@ def joined(
     )
 
 
-#: Of two truth values.
-_JOINED = {
-    casadi.OP_FMIN: casadi.OP_AND,
-    casadi.OP_MUL: casadi.OP_AND,
-    casadi.OP_FMAX: casadi.OP_OR,
-}
-
-
 class _Shortened:
     """Operations, each once, as the shortest of equal ones: a choice is one operation, and a truth value, 1 or 0, is
     not made a number and compared again.
@@ -180,23 +164,22 @@ class _Shortened:
             if self.is_truth(inner):
                 return inner
         flags = [a for a in arguments if self.is_truth(a)]
-        if code in _JOINED and len(flags) == 2:
-            return self.add(_JOINED[code], arguments)
+        of_truths = OPERATIONS[code].of_truths if code in OPERATIONS else None
+        if of_truths is not None and len(flags) == 2:
+            return self.add(of_truths, arguments)
         if code in (casadi.OP_AND, casadi.OP_OR) and len(flags) == 2 and arguments[0] == arguments[1]:
             return arguments[0]
         numbers = [self._number(a) for a in arguments if a not in flags]
-        if len(flags) == 1 == len(numbers) and (number := numbers[0]) is not None:
-            if code in COMPARISONS:
-                at = [
-                    OPERATIONS[code].numpy(*(flag if a in flags else number for a in arguments))
-                    for flag in (0.0, 1.0)
-                ]
-                if at == [False, True]:
-                    return flags[0]
-                if at == [True, False]:
-                    return self.add(casadi.OP_NOT, (flags[0],))
-            if (code, number) in ((casadi.OP_FMAX, 0.0), (casadi.OP_FMIN, 1.0)):
+        chooses = code in COMPARISONS or of_truths is not None
+        if chooses and len(flags) == 1 == len(numbers) and (number := numbers[0]) is not None:
+            at = [
+                OPERATIONS[code].numpy(*(flag if a in flags else number for a in arguments))
+                for flag in (0.0, 1.0)
+            ]
+            if at == [False, True]:
                 return flags[0]
+            if at == [True, False]:
+                return self.add(casadi.OP_NOT, (flags[0],))
         return self._new(code, arguments)
 
     def is_truth(self, value: int) -> bool:
@@ -335,18 +318,17 @@ def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]])
 
     def factors(value: int) -> tuple[int, ...] | None:
         product = operations.get(value)
-        if product is None or uses[value] != 1 or product.code not in (casadi.OP_MUL, casadi.OP_SQ):
+        if product is None or uses[value] != 1 or product.code not in OPERATIONS:
             return None
-        return product.arguments * (2 if product.code == casadi.OP_SQ else 1)
+        return tuple([product.arguments[k] for k in OPERATIONS[product.code].factors]) or None
 
     for k, operation in list(operations.items()):
-        if operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
+        if operation.code in LEAVES or (fused := OPERATIONS[operation.code].fused) is None:
             continue
         left, right = operation.arguments
-        add = operation.code == casadi.OP_ADD
         if (pair := factors(right)) is not None:
-            operations[k] = Operation(MULTIPLY_ADD if add else SUBTRACT_PRODUCT, (*pair, left))
+            operations[k] = Operation(fused[1], (*pair, left))
             del operations[right]
         elif (pair := factors(left)) is not None:
-            operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
+            operations[k] = Operation(fused[0], (*pair, right))
             del operations[left]

@@ -9,23 +9,17 @@ not constant differs at random points with probability one. Which operations swi
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
-from flexhinf.codegen.operations import ELEMENTARY, LINEAR, OPERATIONS, SELECT, anywhere
-from flexhinf.scalars.trace import built, instructions, walk
+from flexhinf.codegen.operations import ELEMENTARY, anywhere, row_of
+from flexhinf.scalars.trace import built, opcodes, walk
 
 #: Points per radius, and the radii about the origin, at which entries are compared.
 POINTS, RADII = 8, (0.3, 1.0, 3.0)
 
 #: Differences this small relative to the terms they are made of are rounding.
 ROUNDING = 1e-13
-
-
-#: What moves numbers.
-MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
 
 
 def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
@@ -38,7 +32,7 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     conditions: list[ca.SX] = []
 
     def operation(code: int, operands: list[ca.SX]) -> ca.SX:
-        row = OPERATIONS.get(SELECT if code == ca.OP_IF_ELSE_ZERO else code)
+        row = row_of(code)
         conditions.extend(row.switches(*operands) if row else anywhere(*operands))
         if poles and row:
             conditions.extend(zero for zero in row.poles(*operands) if not zero.is_constant())
@@ -50,7 +44,7 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
 
 def elementary(function: ca.Function) -> bool:
     """Whether a traced function has nothing but arithmetic, sines and cosines."""
-    return all(code in ELEMENTARY | MOVES for code, *_ in instructions(function))
+    return ELEMENTARY.issuperset(opcodes(function))
 
 
 def linear(function: ca.Function) -> bool:
@@ -61,10 +55,8 @@ def linear(function: ca.Function) -> bool:
     bad: list[int] = []
 
     def operation(code: int, moves: list[bool]) -> bool:
-        is_linear = (
-            code in LINEAR or (code == ca.OP_MUL and not all(moves)) or (code == ca.OP_DIV and not moves[1])
-        )
-        if any(moves) and not is_linear:
+        row, moving = row_of(code), {place for place, moved in enumerate(moves) if moved}
+        if moving and not (row and any(moving.issubset(places) for places in row.linear)):
             bad.append(code)
         return any(moves)
 
@@ -81,7 +73,8 @@ def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
     flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
     if not flat.numel():
         return np.zeros(entries.shape, dtype=bool)
-    reached: Any = np.asarray(ca.DM(ca.jacobian_sparsity(flat, z), 1.0)).astype(bool).any(axis=1)
+    pattern = np.asarray(ca.DM(ca.jacobian_sparsity(flat, z), 1.0)).astype(bool)
+    reached = np.logical_or.reduce(pattern, axis=1)
     places = np.flatnonzero(reached)
     values, terms = _at_points(flat[places.tolist()], sizes[places.tolist()], z)
     differs = reached.copy()

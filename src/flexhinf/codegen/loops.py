@@ -20,7 +20,7 @@ import ctypes
 from collections.abc import Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import casadi
 import numpy as np
@@ -30,8 +30,10 @@ from flexhinf.codegen.operations import OPERATIONS
 
 LANES = 8
 DOUBLE, VECTOR, LONG, INT, SHORT = "double", f"<{LANES} x double>", "i64", "i32", "i16"
+#: What a function is given.
+Field: TypeAlias = "np.ndarray | float | np.integer"
+
 _SIZES = {SHORT: 2, INT: 4}  # bytes of what has other than 8, or is no multiple of it
-_INTEGER = {casadi.OP_ADD: "add", casadi.OP_SUB: "sub", casadi.OP_MUL: "mul", casadi.OP_DIV: "sdiv"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +178,7 @@ class Text:
         kind = next(value.kind for value in operands if isinstance(value, Value))
         names = [self.number(value, kind).name for value in operands]
         if kind == LONG:
-            return Value(self, kind, self.lines.whole(_INTEGER[code], *names))
+            return Value(self, kind, self.lines.whole(OPERATIONS[code].whole, *names))
         return Value(self, kind, OPERATIONS[code].llvm(self.writer(kind), *names))
 
     def fused(self, a: Value, b: Value, c: Value) -> Value:
@@ -274,7 +276,7 @@ class Function:
         )
         self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self._code.address)
 
-    def __call__(self, *values: Any) -> None:
+    def __call__(self, *values: Field) -> None:
         """Run on arrays, integers and doubles, in the order of the fields."""
         self.run(fields(*values))
 
@@ -284,12 +286,12 @@ class Function:
         self._call(task.ctypes.data)  # reads the task while other threads run: it must outlive the call
 
 
-def fields(*values: Any) -> np.ndarray:
+def fields(*values: Field) -> np.ndarray:
     """Fields of a task. The arrays must live for as long as it is used."""
     return np.array([_bits(field) for field in values], np.int64)
 
 
-def _bits(field: Any) -> int:
+def _bits(field: Field) -> int:
     if isinstance(field, np.ndarray):
         return field.ctypes.data
     return int(np.float64(field).view(np.int64)) if isinstance(field, float) else int(field)

@@ -10,7 +10,6 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -139,7 +138,7 @@ _LIBRARIES = {"win32": ("ucrtbase", "msvcrt"), "darwin": (None, "libm.dylib")}
 def _address(name: str) -> int:
     for library in _LIBRARIES.get(sys.platform, (None, "libm.so.6", "libm.so")):
         with suppress(OSError):
-            function: Any = getattr(ctypes.CDLL(library), name, None)
-            if address := ctypes.cast(function, ctypes.c_void_p).value:
+            function = getattr(ctypes.CDLL(library), name, None)
+            if function is not None and (address := ctypes.cast(function, ctypes.c_void_p).value):
                 return address
     raise Unsupported("The C library lacks a function.", f"'{name}' was not found on {sys.platform}")

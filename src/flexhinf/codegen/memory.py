@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import prod
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -200,9 +200,9 @@ class Block:
         width, piece = prod(self.shape[1:]), self.place
         return Block(replace(piece, offset=piece.offset + start * width, size=prod(shape)), shape)
 
-    def reshape(self, *shape: Any) -> Block:
+    def reshape(self, *shape: int | tuple[int, ...]) -> Block:
         """The same elements in C order in another shape."""
-        wanted = tuple(shape[0]) if len(shape) == 1 and isinstance(shape[0], tuple) else tuple(shape)
+        wanted = tuple(n for part in shape for n in (part if isinstance(part, tuple) else (part,)))
         if prod(wanted) != self.size or self.order == "F":
             raise InvalidInput("A block does not fit another shape.", f"got {self} and {wanted}", "C order")
         return Block(self.piece, wanted)
@@ -238,8 +238,10 @@ def check_identifier(name: object, kind: str) -> None:
         raise misfit(f"A {kind} has no usable name.", "an ASCII identifier", repr(name))
 
 
-def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
-    """Refuse a function that is not of SX operations, or does not fit the pieces (anything with a `size`)."""
+def check_function(
+    function: casadi.Function, inputs: Sequence[Slice | Columns], outputs: Sequence[Slice | Columns]
+) -> None:
+    """Refuse a function that is not of SX operations, or does not fit the pieces."""
     refuse_if(
         not function.is_a("SXFunction"),
         f"Function '{function.name()}' cannot be compiled.",

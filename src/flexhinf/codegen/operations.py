@@ -1,4 +1,4 @@
-"""What an operation is, said once: its opcode, NumPy function, C, LLVM, and where it switches.
+"""What an operation is, said once: its opcode, NumPy function, C, LLVM, where it switches, and how its result deviates.
 
 Every row follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them one by
 one, in NumPy, C and LLVM in lanes. Certificates compute with polynomials by the same rows. Derivatives are CasADi's.
@@ -7,24 +7,28 @@ To add an operation: a file that calls `register` with its row, see CONTRIBUTING
 `flexhinf.scalars.symbol`.
 """
 
-# SciPy has no types.
-# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# SciPy has no types, and operands of `numpy` are of any kind.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownLambdaType=false
 
 from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
-from typing import Any
+from typing import cast
 
 import casadi
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.codegen.emit import sines
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.errors import refuse_if
+from flexhinf.scalars import deviations
 from flexhinf.scalars.jet import SMOOTH, expand
 from flexhinf.scalars.symbol import record
 from flexhinf.scalars.trace import NAMES
@@ -40,10 +44,12 @@ SELECT = -4
 LlvmRule = (
     Callable[[Writer, str], str] | Callable[[Writer, str, str], str] | Callable[[Writer, str, str, str], str]
 )
-#: The same on floats and arrays; sums and products on whatever has their operators.
-NumpyRule = Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any]
+#: The same on floats and arrays; sums and products on whatever has their operators, of which they make one more.
+NumpyRule = Callable[..., object]
 #: Of the operands, expressions of CasADi: where one of those that it returns is zero, something is the case.
 Zeros = Callable[..., list[casadi.SX]]
+#: Of the operands, as `Deviated`.
+Difference = Callable[..., casadi.SX]
 
 
 def nowhere(*operands: casadi.SX) -> list[casadi.SX]:
@@ -89,7 +95,12 @@ class OperationKind:
     `switches`: Where it has a kink or jumps. `poles`: Where it has a pole, arctan(sin x / cos x) jumps at those, or a
     branch point, √(x²) is |x| and arcsin(sin x) a triangle wave. What states neither counts as able to switch with each
     operand, and no model that is expanded may have it. `angle`: It jumps by whole turns, so that its derivatives go on.
-    `linear`: Its result is a linear combination of its operands.
+    `linear`: Places of operands in which, together, its result is linear.
+
+    `difference`: How far its result moves where operands do, see `flexhinf.scalars.deviations`; without one, two
+    results are subtracted, unless it is linear. `factors`: Places of the operands whose product it is. `fused`: What it
+    is where its left or its right operand is a product that nothing else uses. `of_truths`: What it is of two truth
+    values. `whole`: LLVM's instruction for integers. `c_of_number`: C that is enough where the first operand is no NaN.
     """
 
     code: int
@@ -106,7 +117,13 @@ class OperationKind:
     switches: Zeros = anywhere
     poles: Zeros = anywhere
     angle: bool = False
-    linear: bool = False
+    linear: tuple[tuple[int, ...], ...] = ()
+    difference: Difference | None = None
+    factors: tuple[int, ...] = ()
+    fused: tuple[int, int] | None = None
+    of_truths: int | None = None
+    whole: str = ""
+    c_of_number: str = ""
 
     @property
     def operands(self) -> int:
@@ -116,7 +133,15 @@ class OperationKind:
     @property
     def smooth(self) -> bool:
         """Whether it switches nowhere."""
-        return not self.switches(*(casadi.SX.sym(f"x{k}") for k in range(self.operands)))
+        return not self.switches(*self._symbols())
+
+    @property
+    def polynomial(self) -> bool:
+        """Whether its result is a polynomial of its operands."""
+        return self.smooth and not self.costs and not self.poles(*self._symbols())
+
+    def _symbols(self) -> Iterator[casadi.SX]:
+        return (casadi.SX.sym(f"x{k}") for k in range(self.operands))
 
     @property
     def name(self) -> str:
@@ -124,17 +149,11 @@ class OperationKind:
         return getattr(self.numpy, "__name__", "")
 
 
-def _smooth(
-    code: int,
-    numpy: NumpyRule,
-    llvm: LlvmRule,
-    c: str,
-    named: bool = False,
-    linear: bool = False,
-    poles: Zeros = nowhere,
-) -> OperationKind:
-    """A sum or a product."""
-    return OperationKind(code, numpy, llvm, c, named=named, linear=linear, switches=nowhere, poles=poles)
+#: A sum or a product.
+_smooth = partial(OperationKind, switches=nowhere, poles=nowhere)
+
+#: Where operations of one operand, and of two, are linear.
+_FIRST, _TOGETHER = ((0,),), ((0, 1),)
 
 
 def _library(
@@ -145,6 +164,7 @@ def _library(
     switches: Zeros = nowhere,
     poles: Zeros = nowhere,
     angle: bool = False,
+    difference: Difference | None = None,
 ) -> OperationKind:
     """A function of the C library."""
     arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
@@ -162,6 +182,7 @@ def _library(
         switches=switches,
         poles=poles,
         angle=angle,
+        difference=difference,
     )
 
 
@@ -172,6 +193,7 @@ def _instruction(
     operands: int = 1,
     costs: bool = False,
     poles: Zeros = nowhere,
+    difference: Difference | None = None,
 ) -> OperationKind:
     """A single instruction, by the name that it has as a function in C and as an intrinsic in LLVM."""
     arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
@@ -181,10 +203,12 @@ def _instruction(
         return w.intrinsic(name, *x)
 
     c = f"{name}{{f}}({arguments})"
-    return OperationKind(code, numpy, called, c, costs=costs, switches=switches, poles=poles)
+    return OperationKind(
+        code, numpy, called, c, costs=costs, switches=switches, poles=poles, difference=difference
+    )
 
 
-def _turn(name: str, numpy: NumpyRule) -> OperationKind:
+def _turn(name: str, numpy: NumpyRule, difference: Difference) -> OperationKind:
     """Sine or cosine, which are written here instead of called."""
     return OperationKind(
         getattr(casadi, f"OP_{name.upper()}"),
@@ -196,6 +220,7 @@ def _turn(name: str, numpy: NumpyRule) -> OperationKind:
         costs=True,
         switches=nowhere,
         poles=nowhere,
+        difference=difference,
     )
 
 
@@ -218,15 +243,24 @@ def _logical(code: int, numpy: NumpyRule, name: str, c: str) -> OperationKind:
     )
 
 
-def _extremum(code: int, numpy: NumpyRule, better: str, c: str) -> OperationKind:
+def _extremum(code: int, numpy: NumpyRule, better: str, c: str, of_truths: int) -> OperationKind:
     """fmin or fmax of C: a NaN loses, the first operand wins a tie."""
 
     def llvm(w: Writer, a: str, b: str) -> str:
         beaten, missing = w.compare(better, b, a), w.compare("uno", a, a)
         return w.select(w.let(f"or {w.lanes.boolean} {beaten}, {missing}"), b, a)
 
-    c = f"(({{1}} {c} {{0}}) || (isnan({{0}}) != 0)) ? {{1}} : {{0}}"
-    return OperationKind(code, numpy, llvm, c, named=True, switches=_gap, poles=nowhere)
+    return OperationKind(
+        code,
+        numpy,
+        llvm,
+        f"(({{1}} {c} {{0}}) || (isnan({{0}}) != 0)) ? {{1}} : {{0}}",
+        named=True,
+        switches=_gap,
+        poles=nowhere,
+        of_truths=of_truths,
+        c_of_number=f"({{1}} {c} {{0}}) ? {{1}} : {{0}}",
+    )
 
 
 def _sign(w: Writer, x: str) -> str:
@@ -235,19 +269,18 @@ def _sign(w: Writer, x: str) -> str:
     return w.select(w.compare("olt", x, zero), w.lanes.constant(-1.0), positive)
 
 
-def _sign_of(x: Any) -> np.ndarray:
+def _sign_of(x: ArrayLike) -> np.ndarray:
     value = np.asarray(x, dtype=float)
     return np.where(value == 0.0, value, np.sign(value))
 
 
-def _erf(x: Any) -> Any:
+def _erf(x: ArrayLike) -> ArrayLike:
     from scipy import special
 
-    function: Any = special.erf
-    return function(x)
+    return cast("Callable[[ArrayLike], ArrayLike]", special.erf)(x)
 
 
-def _remainder(x: Any, y: Any) -> Any:
+def _remainder(x: ArrayLike, y: ArrayLike) -> np.ndarray:
     """x - n·y for the integer n nearest to x/y, the even one of two (IEEE 754), without rounding."""
     size: np.ndarray = np.abs(y)
     half, left = size / 2.0, np.fmod(np.abs(x), 2.0 * size)
@@ -257,22 +290,74 @@ def _remainder(x: Any, y: Any) -> Any:
 
 _TABLE = (
     # sums and products
-    _smooth(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}", linear=True),
-    _smooth(casadi.OP_ADD, operator.add, lambda w, a, b: w.real("fadd", a, b), "{0} + {1}", linear=True),
-    _smooth(casadi.OP_SUB, operator.sub, lambda w, a, b: w.real("fsub", a, b), "{0} - {1}", linear=True),
-    _smooth(casadi.OP_MUL, operator.mul, lambda w, a, b: w.real("fmul", a, b), "{0} * {1}"),
-    _smooth(casadi.OP_DIV, np.divide, lambda w, a, b: w.real("fdiv", a, b), "{0} / {1}", poles=_last),
-    _smooth(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}", linear=True),
-    _smooth(casadi.OP_SQ, lambda x: x * x, lambda w, x: w.real("fmul", x, x), "{0} * {0}", named=True),
+    _smooth(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}", linear=_FIRST),
+    _smooth(
+        casadi.OP_ADD,
+        operator.add,
+        lambda w, a, b: w.real("fadd", a, b),
+        "{0} + {1}",
+        linear=_TOGETHER,
+        difference=deviations.total,
+        fused=(MULTIPLY_ADD, MULTIPLY_ADD),
+        whole="add",
+    ),
+    _smooth(
+        casadi.OP_SUB,
+        operator.sub,
+        lambda w, a, b: w.real("fsub", a, b),
+        "{0} - {1}",
+        linear=_TOGETHER,
+        difference=deviations.less,
+        fused=(MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT),
+        whole="sub",
+    ),
+    _smooth(
+        casadi.OP_MUL,
+        operator.mul,
+        lambda w, a, b: w.real("fmul", a, b),
+        "{0} * {1}",
+        linear=((0,), (1,)),
+        difference=deviations.product,
+        factors=(0, 1),
+        of_truths=casadi.OP_AND,
+        whole="mul",
+    ),
+    _smooth(
+        casadi.OP_DIV,
+        np.divide,
+        lambda w, a, b: w.real("fdiv", a, b),
+        "{0} / {1}",
+        poles=_last,
+        linear=_FIRST,
+        difference=deviations.quotient,
+        whole="sdiv",
+    ),
+    _smooth(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}", linear=_FIRST),
+    _smooth(
+        casadi.OP_SQ,
+        lambda x: x * x,
+        lambda w, x: w.real("fmul", x, x),
+        "{0} * {0}",
+        named=True,
+        difference=deviations.square,
+        factors=(0, 0),
+    ),
     _smooth(
         casadi.OP_TWICE,
         lambda x: x + x,
         lambda w, x: w.real("fadd", x, x),
         "{0} + {0}",
         named=True,
-        linear=True,
+        linear=_FIRST,
     ),
-    _smooth(casadi.OP_INV, np.reciprocal, lambda w, x: w.real("fdiv", 1.0, x), "{one} / {0}", poles=_last),
+    _smooth(
+        casadi.OP_INV,
+        np.reciprocal,
+        lambda w, x: w.real("fdiv", 1.0, x),
+        "{one} / {0}",
+        poles=_last,
+        difference=deviations.inverse,
+    ),
     _smooth(
         MULTIPLY_ADD,
         lambda a, b, c: a * b + c,
@@ -301,8 +386,8 @@ _TABLE = (
         switches=_first,
         poles=nowhere,
     ),
-    _extremum(casadi.OP_FMIN, np.fmin, "olt", "<"),
-    _extremum(casadi.OP_FMAX, np.fmax, "ogt", ">"),
+    _extremum(casadi.OP_FMIN, np.fmin, "olt", "<", casadi.OP_AND),
+    _extremum(casadi.OP_FMAX, np.fmax, "ogt", ">", casadi.OP_OR),
     _compared(casadi.OP_LT, operator.lt, "olt", "<"),
     _compared(casadi.OP_LE, operator.le, "ole", "<="),
     _compared(casadi.OP_EQ, operator.eq, "oeq", "=="),
@@ -326,27 +411,28 @@ _TABLE = (
         "{0.choice} ? {1} : {2}",
         switches=_first,
         poles=nowhere,
+        difference=deviations.chosen,
     ),
     # functions
-    _instruction("sqrt", np.sqrt, nowhere, costs=True, poles=_last),
+    _instruction("sqrt", np.sqrt, nowhere, costs=True, poles=_last, difference=deviations.root),
     _instruction("fabs", np.fabs, _first),
     _instruction("floor", np.floor, _first),
     _instruction("ceil", np.ceil, _first),
     _instruction("copysign", np.copysign, anywhere, 2),
-    _turn("sin", np.sin),
-    _turn("cos", np.cos),
+    _turn("sin", np.sin, deviations.sine),
+    _turn("cos", np.cos, deviations.cosine),
     _library("tan", np.tan, poles=_last),
     _library("asin", np.arcsin, poles=_branch_points),
     _library("acos", np.arccos, poles=_branch_points),
-    _library("atan", np.arctan),
-    _library("atan2", np.arctan2, 2, switches=_first, angle=True),
+    _library("atan", np.arctan, difference=deviations.arctan),
+    _library("atan2", np.arctan2, 2, switches=_first, angle=True, difference=deviations.angle),
     _library("sinh", np.sinh),
     _library("cosh", np.cosh),
-    _library("tanh", np.tanh),
+    _library("tanh", np.tanh, difference=deviations.tanh),
     _library("asinh", np.arcsinh),
     _library("acosh", np.arccosh),
     _library("atanh", np.arctanh),
-    _library("exp", np.exp),
+    _library("exp", np.exp, difference=deviations.exponential),
     _library("expm1", np.expm1),
     _library("log", np.log),
     _library("log1p", np.log1p),
@@ -364,8 +450,8 @@ OPERATIONS = dict[int, OperationKind]()
 #: Those that are truth values; of truth values; comparisons of numbers; and as long as a call of a function.
 TRUTHS, LOGIC, COMPARISONS, COSTLY = set[int](), set[int](), set[int](), set[int]()
 
-#: Those that are linear; and arithmetic, sine and cosine.
-LINEAR, ELEMENTARY = set[int](), set[int]()
+#: Arithmetic, sine and cosine.
+ELEMENTARY = set[int]()
 
 #: Sine and cosine, which have forms for arguments that are not far, and their names.
 TURNS = {row.code: row.c.partition("{")[0] for row in _TABLE if row.near is not None}
@@ -381,12 +467,17 @@ def _enter(row: OperationKind) -> None:
     OPERATIONS[row.code] = row
     kinds = (TRUTHS, row.truth), (LOGIC, row.logic), (COMPARISONS, row.truth and not row.logic)
     elementary = row.smooth and (row.code in TURNS or not row.costs)
-    for codes, belongs in (*kinds, (COSTLY, row.costs), (LINEAR, row.linear), (ELEMENTARY, elementary)):
+    for codes, belongs in (*kinds, (COSTLY, row.costs), (ELEMENTARY, elementary)):
         (codes.add if belongs else codes.discard)(row.code)
 
 
 for _row in _TABLE:
     _enter(_row)
+
+
+def row_of(code: int) -> OperationKind | None:
+    """The row of an operation of CasADi; None without one."""
+    return OPERATIONS.get(SELECT if code == casadi.OP_IF_ELSE_ZERO else code)
 
 
 def register(row: OperationKind) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, get_args
 
 from flexhinf.codegen.memory import (
     COLUMN,
@@ -273,21 +273,23 @@ class Sweep:
         return self.outputs[0][0].count
 
 
-def leaves(body: Sequence[Any]) -> Iterator[Any]:
-    """The steps of a body and of its loops of a fixed count, without those loops."""
-    for step in body:
-        fixed = isinstance(step, Repeat) and not isinstance(step.count, str)
-        yield from leaves(step.body) if fixed else (step,)
-
-
 Simple: TypeAlias = (
     Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Householder | Residual | Copy | Normal | Guard
 )
 Step: TypeAlias = Simple | Repeat | When
 
 
-def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
-    """The slices that a step reads, and those that it writes."""
+def leaves(body: Sequence[Step]) -> Iterator[Step]:
+    """The steps of a body and of its loops of a fixed count, without those loops."""
+    for step in body:
+        if isinstance(step, Repeat) and not isinstance(step.count, str):
+            yield from leaves(step.body)
+        else:
+            yield step
+
+
+def slices(step: Step) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+    """The slices that a step reads, and those that it writes; of a loop that runs as often as it is told, none."""
     if isinstance(step, Call | Map):
         return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
     if isinstance(step, Sweep):
@@ -312,6 +314,7 @@ _PIECES: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     Normal: (("step", "key"), ("target",)),
     Guard: (("source",), ()),
     When: (("flag",), ()),
+    Repeat: ((), ()),
 }
 
 

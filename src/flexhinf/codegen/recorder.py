@@ -8,19 +8,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flexhinf.codegen.compose import Direct, documentation, function_name, result_names
+from flexhinf.arrays import Elements
+from flexhinf.codegen.compose import Direct, Result
+from flexhinf.codegen.naming import documentation, function_name, result_names
 from flexhinf.codegen.program import Stages, TracedStage
 
+if TYPE_CHECKING:
+    import casadi
 
-def _kept(name: str) -> Any:
+
+def _kept(name: str) -> Callable[..., Elements]:
     """A method of `Direct` whose result is kept as a stage."""
-    own = getattr(Direct, name)
+    own: Callable[..., Elements] = getattr(Direct, name)
 
-    def method(self: Recorder, *arrays: Any, **options: Any) -> Any:
+    def method(self: Recorder, *arrays: object, **options: object) -> Elements:
         return self.kept(own, partial(own, self), *arrays, **options)
 
     return wraps(own)(method)
@@ -38,7 +43,7 @@ class Recorder(Direct):
 
     def begin(self) -> None:
         """As `Direct.begin`."""
-        self._done: list[tuple[TracedStage, Any]] = []
+        self._done: list[tuple[TracedStage, object]] = []
         self._inside = False
         self._section = self._turn = ""
         self._names = Counter[str]()
@@ -46,17 +51,21 @@ class Recorder(Direct):
             None  # names and sizes of the results of the columns before
         )
 
-    def recorded(self) -> list[Any]:
+    def recorded(self) -> list[Elements]:
         """As `Direct.recorded`: an array for each stage, of a zero and what it gives."""
         return [np.concatenate([np.zeros(1), *_flat(result)]) for _, result in self._done]
 
-    def stages(self, function: Any) -> Stages:
+    def stages(self, function: casadi.Function) -> Stages:
         """Those of a function whose first results are the arrays that were recorded."""
         return Stages(function, tuple(stage for stage, _ in self._done))
 
     def kept(
-        self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
-    ) -> Any:
+        self,
+        named: Callable[..., object],
+        compute: Callable[..., Result],
+        *arrays: object,
+        **options: object,
+    ) -> Result:
         """What a function computes; as a stage, unless another one calls it. `named`: Says what it is."""
         if self._inside:
             return compute(*arrays, **options)
@@ -72,9 +81,10 @@ class Recorder(Direct):
         self._section = self._turn = ""
         return result
 
-    def _results(self, named: Callable[..., Any], result: Any) -> tuple[tuple[str, int, int], ...]:
+    def _results(self, named: Callable[..., object], result: object) -> tuple[tuple[str, int, int], ...]:
         """Names, sizes and places of what a function gave; those of further columns come after those before."""
-        sizes = [np.size(each) for each in (result if isinstance(result, tuple) else (result,))]
+        arrays = cast(tuple[Elements, ...], result if isinstance(result, tuple) else (result,))
+        sizes = [np.size(each) for each in arrays]
         if not self._columns:
             names, places = result_names(named, len(sizes)), [0] * len(sizes)
             for k, name in enumerate(names):
@@ -90,11 +100,13 @@ class Recorder(Direct):
         """As `Direct.section`: the sentence of the next stage."""
         self._section = "" if self._inside else about
 
-    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+    def call(self, function: Callable[..., Result], *arrays: object) -> Result:
         """As `Direct.call`."""
         return self.kept(function, function, *arrays)
 
-    def repeat(self, times: int, function: Callable[..., tuple[Any, ...]], *arrays: Any) -> tuple[Any, ...]:
+    def repeat(
+        self, times: int, function: Callable[..., tuple[Elements, ...]], *arrays: Elements
+    ) -> tuple[Elements, ...]:
         """As `Direct.repeat`: every turn begins with a new stage, and gives results of the same names."""
         names = Counter(self._names)
         for _ in range(times):
@@ -103,7 +115,9 @@ class Recorder(Direct):
             arrays = function(*arrays)
         return arrays
 
-    def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
+    def columns(
+        self, function: Callable[..., Result], moving: Elements | tuple[Elements, ...], *held: object
+    ) -> Result:
         """As `Direct.columns`: a stage for each column."""
         if self._inside:
             return super().columns(function, moving, *held)
@@ -114,10 +128,10 @@ class Recorder(Direct):
             self._columns = None
 
 
-def _flat(result: Any) -> Iterator[Any]:
+def _flat(result: object) -> Iterator[Elements]:
     """The arrays of a result, flat."""
     if isinstance(result, tuple):
-        for part in result:
+        for part in cast(tuple[object, ...], result):
             yield from _flat(part)
     else:
-        yield np.ravel(result)
+        yield np.ravel(cast(Elements, result))

@@ -10,8 +10,8 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from types import SimpleNamespace
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import TypeVar, cast
 
 from flexhinf.codegen.compiler import highest_optimisation
 
@@ -19,8 +19,17 @@ CAPACITY = 128
 
 Built = TypeVar("Built")
 
-#: By key: what was built for it, whether it was, and the lock of whoever builds it.
-_kept: OrderedDict[Hashable, Any] = OrderedDict()
+
+@dataclass
+class _Entry:
+    """What was built for a key, whether it was, and the lock of whoever builds it."""
+
+    lock: threading.RLock = field(default_factory=threading.RLock)
+    built: bool = False
+    value: object = None
+
+
+_kept: OrderedDict[Hashable, _Entry] = OrderedDict()
 _lock = threading.Lock()  # of the table alone
 
 
@@ -36,14 +45,14 @@ def share(key: Hashable, build: Callable[[], Built]) -> Built:
     except TypeError:
         return build()
     with _lock:
-        entry = _kept.setdefault(key, SimpleNamespace(lock=threading.RLock(), built=False, value=None))
+        entry = _kept.setdefault(key, _Entry())
         _kept.move_to_end(key)
         while len(_kept) > CAPACITY:
             _kept.popitem(last=False)
     with entry.lock:
         if not entry.built:
             entry.value, entry.built = build(), True
-    return entry.value
+    return cast(Built, entry.value)
 
 
 def _forget_the_parents_threads() -> None:

@@ -21,6 +21,7 @@ from itertools import accumulate, groupby
 
 import casadi
 
+from flexhinf.codegen.cut import Filling, pieces
 from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, Part, Slice
 from flexhinf.codegen.operations import OPERATIONS, SELECT
@@ -30,15 +31,12 @@ from flexhinf.scalars.trace import built
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
 WORTH = 100
 
-#: Operations of a function to which another stage is not added, of one to which a new section of the algorithm is
-#: added all the same, and of a stage that is cut.
-MOST, SECTION, LONGEST = 160, 8, 400
+#: Operations of a function to which a new section of the algorithm is not added, and of all columns of a matrix that
+#: go together.
+SECTION, COLUMNS = 8, 400
 
 #: Results that are neighbours among the arguments, from which on they are copied.
 FEW = 4
-
-#: Products, which become one with the only sum that reads them.
-PRODUCTS, SUMS = (casadi.OP_MUL, casadi.OP_SQ), (casadi.OP_ADD, casadi.OP_SUB)
 
 #: A function: of those before a flag is asked, where it is set, or after (0, 1, 2), the k-th; where a reciprocal ends
 #: one, the piece of it.
@@ -158,32 +156,36 @@ class _Operations:
         small = sum(p == 1 for p in part.values()) < WORTH
         return (None, whole) if small or part[flag] else (flag, part)
 
+    def fuses(self, one: int, k: int) -> bool:
+        """Whether an operation is a product, and becomes one with a sum if only that reads it."""
+        product, total = (OPERATIONS[self.operations[each].code] for each in (one, k))
+        return bool(product.factors) and total.fused is not None
+
     def together(self, place: dict[int, int] | dict[int, Group]) -> None:
         """Move operations to where the only ones are that read them, and that they become one with."""
         uses = Counter(argument for k in place for argument in self.operands(k))
         uses.update(k for _, _, k in self.outputs)
         for k in reversed(place):
             for one in self.operands(k):
-                fused = self.operations[one].code in PRODUCTS and self.operations[k].code in SUMS
-                if one in place and uses[one] == 1 and fused:
+                if one in place and uses[one] == 1 and self.fuses(one, k):
                     place[one] = place[k]  # type: ignore[assignment]
 
     # Functions ----------------------------------------------------------------------------------------
     def grouped(self, part: Mapping[int, int]) -> dict[int, Group]:
-        """The function of each operation: whole stages up to `MOST` operations, all columns of a matrix if they are not
-        too many, or a piece of a long stage."""
+        """The function of each operation: whole stages, all columns of a matrix if they are not too many, or a piece of
+        a long stage."""
         group = dict[int, Group]()
         for which in sorted({*part.values()}):
-            number, total, before = 0, 0, -1
+            filling, before = Filling(SECTION), -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
                 begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
-                new = alone or (begins and total >= SECTION)
-                if total and (new or total + len(values) > MOST):
-                    number, total = number + 1, 0
-                pieces = -(-len(values) // LONGEST)
+                before, last = stage, dict[int, int]()
                 for place, k in enumerate(values):
-                    group[k] = which, number + place * pieces // len(values), 0
-                number, total, before = number + pieces - 1, total + len(values), stage
+                    last |= dict.fromkeys(self.operands(k), place)
+                uses = [last.get(k, -1) for k in values]
+                for k, own in enumerate(values[piece] for piece in pieces([1] * len(values), uses)):
+                    number = filling.add(len(own), begins and not k, alone and not k)
+                    group |= dict.fromkeys(own, (which, number, 0))
         group = {k: group[k] for k in part}
         self.together(group)
         ends = list[int]()
@@ -221,7 +223,7 @@ class _Operations:
         own = sorted(members, key=self.stage.__getitem__)
         for _, family in groupby(own, lambda k: names[self.stage[k]] if names else self.stage[k]):
             values = list(family)
-            if len(values) <= LONGEST:
+            if len(values) <= COLUMNS:
                 yield self.stage[values[0]], values, False
             else:
                 yield from ((n, list(some), True) for n, some in groupby(values, self.stage.__getitem__))

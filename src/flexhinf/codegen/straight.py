@@ -21,6 +21,7 @@ import casadi
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import SCRATCH
+from flexhinf.codegen.cut import Filling
 from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice, overlap
 from flexhinf.codegen.program import (
     Call,
@@ -38,7 +39,7 @@ from flexhinf.codegen.program import (
 )
 from flexhinf.codegen.stages import staged_call
 from flexhinf.scalars import cholesky, trace
-from flexhinf.scalars.trace import instructions
+from flexhinf.scalars.trace import opcodes
 
 #: Operations of a function up to which every call of it is written out; a larger one only where it is called once.
 SMALL = 48
@@ -49,8 +50,8 @@ SHORT = 64
 #: Order of a Cholesky factor that is written out.
 ORDER = 2
 
-#: Operations of a function above which a step begins another one, and from which on a section of the algorithm does.
-MOST, SECTION = 160, 24
+#: Operations of a function to which a new section of the algorithm is not added.
+SECTION = 24
 
 #: The stage of sums of products, which has no name.
 SUMS = "sums"
@@ -91,40 +92,37 @@ class _Straight:
         for step in body:
             if isinstance(step, Repeat | When):
                 found |= self._reads(step.body)
-            if not isinstance(step, Repeat):
-                for piece in slices(step)[0]:
-                    found.update(place for place in _places(piece) if place[0] in self.work)
+            for piece in slices(step)[0]:
+                found.update(place for place in _places(piece) if place[0] in self.work)
         return found
 
     def _live(self, body: Sequence[Step], end: set[Place]) -> list[set[Place]]:
         """Numbers of work buffers that are read later, before each step, and at the end."""
         live = [end]
         for step in reversed(body):
-            written: set[Place] = set()
-            if not isinstance(step, Repeat | When):
-                written = {place for piece in slices(step)[1] for place in _places(piece)}
+            written = {place for piece in slices(step)[1] for place in _places(piece)}
             live.append((live[-1] - written) | self._reads([step]))
         return live[::-1]
 
     # Steps --------------------------------------------------------------------------------------------
     def _body(self, body: Sequence[Step], end: set[Place]) -> tuple[Step, ...]:
         body = [self._factor(step) if isinstance(step, Cholesky) else step for step in body]
-        live, done, group, total = self._live(body, end), list[Step](), list[Step](), 0
+        live, done, group = self._live(body, end), list[Step](), list[Step]()
+        filling, number = Filling(SECTION), 0
         for k, step in enumerate(body):
             if self._joins(step):
-                size = _size(step)
-                if (size and total + size > MOST) or (total >= SECTION and self._about(step)):
+                if number != (number := filling.add(_size(step), bool(self._about(step)))):
                     done += self._joined(group, live[k])
-                    group, total = [], 0
+                    group = []
                 group.append(step)
-                total += size
                 continue
             if isinstance(step, Copy) and not any(_meet(step, other) for other in group):
                 done.append(step)
                 continue
             done += self._joined(group, live[k])
             done.append(self._alone(step, live[k + 1]))
-            group, total = [], 0
+            group = []
+            filling.end()
         return (*done, *self._joined(group, live[-1]))
 
     def _factor(self, step: Cholesky) -> Step:
@@ -189,8 +187,7 @@ class _Straight:
 
     def _about(self, step: Step) -> str:
         """What begins with a step."""
-        written = () if isinstance(step, Repeat) else slices(step)[1]
-        begins = [self.parts.get((piece.buffer, piece.offset)) for piece in written]
+        begins = [self.parts.get((piece.buffer, piece.offset)) for piece in slices(step)[1]]
         return next((part.about for part in begins if part and part.about), "")
 
     def label(self, place: Place) -> str:
@@ -337,8 +334,7 @@ def _sum(step: OuterSum, read: Callable[[Slice], list[casadi.SX]]) -> list[casad
 
 
 def _operations(function: casadi.Function) -> int:
-    others = (casadi.OP_CONST, casadi.OP_INPUT, casadi.OP_OUTPUT)
-    return sum(code not in others for code, *_ in instructions(function))
+    return sum(1 for _ in opcodes(function))
 
 
 def _size(step: Step) -> int:
@@ -350,7 +346,7 @@ def _size(step: Step) -> int:
 
 def _meet(copy: Copy, step: Step) -> bool:
     """Whether a copy cannot be made before a step that comes before it."""
-    read, written = slices(step)  # type: ignore[arg-type]
+    read, written = slices(step)
     moved = any(overlap(copy.target, piece) for piece in (*read, *written))
     return moved or any(overlap(copy.source, piece) for piece in written)
 
@@ -378,7 +374,6 @@ def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
     used = {
         place
         for step in _all(body)
-        if not isinstance(step, Repeat)
         for side in slices(step)
         for piece in side
         if piece.buffer in free

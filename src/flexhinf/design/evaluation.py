@@ -21,6 +21,7 @@ from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
 from flexhinf.robot.springs import DAMPED
 from flexhinf.scalars import trace
+from flexhinf.scalars.trace import opcodes
 
 #: Ratios of R^v to R^n for which corners are computed, by the number of states of the linear loop: large loops afford
 #: one. Between two ratios `tolerance_corners` searches for the worst one.
@@ -352,10 +353,7 @@ def operations(law: Law) -> int:
     """
     if np.size(law.law_data) > TRACED and (table := law.law_table) is not None:
         return int(table.coefficients.shape[1] - table.n + 2 * table.coefficients.size)
-    import casadi as ca
-
     n, data, about = len(law.state_names), np.size(law.law_data), law.depends_on_reference
     more = (len(law.plant_states), len(law.input_names)) if about else ()
-    function: Any = trace(law.evaluate_about if about else law.evaluate_law, n, *more, data, name="law")
-    silent = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER)
-    return sum(function.instruction_id(k) not in silent for k in range(function.n_instructions()))
+    function = trace(law.evaluate_about if about else law.evaluate_law, n, *more, data, name="law")
+    return sum(1 for _ in opcodes(function))

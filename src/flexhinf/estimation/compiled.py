@@ -236,7 +236,7 @@ def _prediction(filter: Filter) -> Program:
     update, plant = _Update(filter), filter.plant
     u, q = update.block("u", (len(plant.inputs),)), update.block("q", (plant.n, plant.n))
     update.check(u)
-    belief = filter.time_stages(update.run, update.belief, *as_arrays(u, update.parameters, q))
+    belief = filter.time_stages(update.run.as_run, update.belief, *as_arrays(u, update.parameters, q))
     update.at_the_end(u, update.block("input", u.shape, "state"))
     return update.program("filter_prediction", belief)
 
@@ -251,7 +251,7 @@ def _correction(filter: Filter) -> Program:
     update.check(present, EMPTY)
     prior = update.belief
     belief, innovation, spread = filter.innovation_stages(
-        run, prior, *as_arrays(y, u, update.parameters, noise)
+        run.as_run, prior, *as_arrays(y, u, update.parameters, noise)
     )
     factor = run.cholesky(cast(Block, spread))
     rejected = () if filter.gate is None else (prior.rejected, belief.rejected)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT
+from flexhinf.codegen.differences import difference
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.beliefs import WELL
 from flexhinf.estimation.bounds import bounded_places, projected
@@ -38,7 +39,6 @@ from flexhinf.estimation.square_root import (
 from flexhinf.plant import Plant, Sensor, turned
 from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import apply, cholesky, clip, trace
-from flexhinf.scalars.differences import difference
 from flexhinf.scalars.run import Run
 from flexhinf.validation import read_only, real_number
 

@@ -12,7 +12,7 @@ X is the new W, and the mean moves by K_xᵀ g with Sᵀ g = y − C x̂ [kailat
 should be small. y = C x + v holds for the estimates of x and v, and z = C x + v for each row (z, x, v) that is left;
 what rounding leaves of that, found in twice the digits (`flexhinf.scalars.residual`), goes through the gains once more.
 
-A deviation moves by difference arithmetic (`flexhinf.scalars.differences`), not as the difference of two points.
+A deviation moves by difference arithmetic (`flexhinf.codegen.differences`), not as the difference of two points.
 """
 
 from __future__ import annotations

@@ -281,19 +281,24 @@ class ControllerCode:
         source = self._rendered("controller.c", self.source_values, Markup("@DIGEST@"))
         return hashlib.sha256((header + source).encode()).hexdigest()
 
+    @property
+    def missing(self) -> int:
+        """Samples without a measurement that are predicted over."""
+        return MISSING_LIMIT if self.predicts else 0
+
     @cached_property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, object]:
         """What every template about this controller may use."""
         return {
             "code": self,
             "c": self.controller,
             "period_text": f"{self.controller.period:g}",
-            "missing": MISSING_LIMIT if self.predicts else 0,
+            "missing": self.missing,
             "spacing": SPACING,
             "longest_unseen": MISSING_LIMIT,
         }
 
-    def _rendered(self, template: str, values: Mapping[str, Any], digest: str) -> str:
+    def _rendered(self, template: str, values: Mapping[str, object], digest: str) -> str:
         return render_c(template, self.name, self.real, digest=digest, **self.values, **values)
 
     @property
@@ -302,7 +307,7 @@ class ControllerCode:
         return {**origin_facts(self.controller, self.origin), **self.controller.summary()}
 
     @cached_property
-    def header_values(self) -> dict[str, Any]:
+    def header_values(self) -> dict[str, object]:
         """What ``NAME.h`` says beside."""
         signals: list[list[tuple[str, int, str]]] = []
         for kind, names in self.signals.items():
@@ -324,17 +329,16 @@ class ControllerCode:
         }
 
     @cached_property
-    def source_values(self) -> dict[str, Any]:
+    def source_values(self) -> dict[str, object]:
         """What ``NAME.c`` consists of beside; its functions come last, as the others may need some of them."""
         memory = self.controller.memory.places
         holding, standstill, plausible = self._held, self._standstill, self._plausible
-        missing = self.values["missing"]
         return {
             "places": memory,
             "origin": origin_facts(self.controller, self.origin),
             "defaults": Markup(default_lines(self.controller, self.defaults, self.real)),
             "initial": Markup(number_lines(memory, self.initial_memory, self.real, MEMORY)),
-            "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, missing),
+            "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, self.missing),
             "range_rows": range_rows,
             "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
             "holding": holding,
@@ -421,12 +425,12 @@ class ControllerCode:
         return self.controller.supervision is not None and Status.REACTING in self.able
 
     @property
-    def _standstill(self) -> dict[str, Any]:
+    def _standstill(self) -> dict[str, object]:
         """What ``NAME_rest`` and ``NAME_slowed`` consist of; a firmware may do without them and their functions."""
         if self.standstill is None:
             return {}
         before = set(self.translator.functions)
-        parts: dict[str, Any] = {
+        parts: dict[str, object] = {
             "call": self.translator.function(self.standstill, "q", "data", within=self._known)
         }
         if self.slows:

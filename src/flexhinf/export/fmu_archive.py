@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from flexhinf.codegen.c import Real
 from flexhinf.export.compiled import shared_library
@@ -61,7 +61,7 @@ class Fmu:
     period: float
     variables: Sequence[Variable]
     header: str
-    values: Mapping[str, Any]
+    values: Mapping[str, object]
     sources: Mapping[str, str]
     guid: str = "@GUID@"
 

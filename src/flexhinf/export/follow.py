@@ -14,7 +14,7 @@ from markupsafe import Markup
 from flexhinf.codegen.c import Translator, constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.rendering import c_values, render
+from flexhinf.export.rendering import arithmetic
 from flexhinf.plant.joints import joint_places
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
@@ -43,13 +43,13 @@ def follower_of(code: ControllerCode) -> Follower | None:
         return None
 
 
-def follow_values(code: ControllerCode) -> dict[str, Any]:
+def follow_values(code: ControllerCode) -> dict[str, object]:
     """What the templates of header and source need; nothing where there is no `follower_of`."""
     follower = follower_of(code)
     return {} if follower is None else _values(code, follower)
 
 
-def _values(code: ControllerCode, follower: Follower) -> dict[str, Any]:
+def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
     """What the templates need."""
     robot, weights = follower.robot, follower.feedforward.weights
     translator = _translator(code)
@@ -87,16 +87,10 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, Any]:
         "twists": largest_twists(code, robot),
         "motors": _motors(code),
         "most_counted": MOST_COUNTED,
-        "arithmetic": _arithmetic(code),
+        "arithmetic": Markup(arithmetic(f"{code.name}_follow", code.real, code.name)),
         "called": called,
         "functions": Markup(translator),
     }
-
-
-def _arithmetic(code: ControllerCode) -> Markup:
-    """The guards of arithmetic, with a function of its own name and the switches of the controller."""
-    values = {**c_values(f"{code.name}_follow", code.real), "NAME": code.name.upper()}
-    return Markup(render("arithmetic.c", **values))
 
 
 def _translator(code: ControllerCode) -> Translator:

@@ -27,7 +27,7 @@ FAR = {"double": "4e9", "float": "2e4F"}
 LARGEST = {"double": "1e300", "float": "1e30F"}
 
 
-def far_values(code: ControllerCode) -> dict[str, Any] | None:
+def far_values(code: ControllerCode) -> dict[str, object] | None:
     """At which angles the rehearsal stands the robot, and with how many; None where it does not."""
     if not reaches_far(code):
         return None
@@ -35,7 +35,7 @@ def far_values(code: ControllerCode) -> dict[str, Any] | None:
     return {"joints": code.standstill.size1_in(0), "angle": FAR[real], "largest": LARGEST[real]}
 
 
-def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
+def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
     return {
         "far": far_values(code),

@@ -85,9 +85,12 @@ def c_values(name: str, real: Real) -> dict[str, object]:
     }
 
 
-def arithmetic(name: str, real: Real) -> str:
-    """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro."""
-    return render("arithmetic.c", **c_values(name, real))
+def arithmetic(name: str, real: Real, switches: str = "") -> str:
+    """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro.
+
+    `switches`: The name that macros begin with, if it is that of another file.
+    """
+    return render("arithmetic.c", **c_values(name, real) | {"NAME": (switches or name).upper()})
 
 
 def bare(value: object) -> Markup:

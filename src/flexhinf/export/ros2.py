@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -45,7 +44,7 @@ def package_name(code: ControllerCode) -> str:
     return f"{code.name.lower()}_controller"
 
 
-def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
+def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, object]:
     """What the templates of the package need.
 
     `home`: The command where the controller has no better one, (k,) or shorter.
@@ -157,7 +156,7 @@ class _StandstillModel:
 
 def _start_values(
     code: ControllerCode, standstill: _StandstillModel | None, home: np.ndarray
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """What the start needs: what the command is there, and how the state is found."""
     c, measured = code.controller, list(code.signals["Y"])
     at = [*home, *np.zeros(code.sizes["r"])][: code.sizes["r"]]

@@ -9,7 +9,6 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
-from typing import Any
 
 from flexhinf import __version__
 from flexhinf.export.contract import CODES
@@ -59,7 +58,7 @@ NOTHING_THERE = {
 }  # fmt: skip
 
 
-def safety_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
+def safety_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What ``safety.md`` states, for a recording of the test vector."""
     return {
         "commit": commit(),

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
@@ -124,7 +123,7 @@ def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -
     return render_c("test.c", code.name, code.real, **code.values, **vector_values(code, runs, allowed))
 
 
-def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> dict[str, Any]:
+def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> dict[str, object]:
     """What the test vector consists of."""
     run = runs[-1]
     sizes, sizes_of_estimates = list[np.ndarray](), list[np.ndarray]()

@@ -170,7 +170,7 @@ class TrajectoryServer:
         """With the tolerances and times of goals that state none."""
         return self._follower.follower
 
-    def change(self, options: Mapping[str, Any]) -> str:
+    def change(self, options: Mapping[str, object]) -> str:
         """Follow later goals with other options of `Follower`; why not, or empty.
 
         Nothing is changed while a goal is followed or the joints come to rest.

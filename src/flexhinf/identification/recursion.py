@@ -178,7 +178,7 @@ class Recursion:
         write("expected", run.call(filter.output, prior.mean, before, vector))
         with run.when(flag):
             corrected, innovation, spread = filter.innovation_stages(
-                run, prior, *as_arrays(y, before, vector, r)
+                run.as_run, prior, *as_arrays(y, before, vector, r)
             )
             facts = run.call(facts_of, innovation, spread)
         belief = type(prior)(*(run.call(by_flag, new, old, flag) for new, old in zip(corrected, prior)))
@@ -186,7 +186,7 @@ class Recursion:
             write(name, block)
         for part, place in self.layout.pairs(belief._asdict()):
             write("beliefs", part, place.start)
-        predicted = filter.time_stages(run, belief, *as_arrays(u, vector, run.call(grown, q, seconds)))
+        predicted = filter.time_stages(run.as_run, belief, *as_arrays(u, vector, run.call(grown, q, seconds)))
         for part, place in self.layout.pairs(predicted._asdict()):
             run.copy(part, kept[place].reshape(part.shape))
         run.body.append(Guard(kept.place, 1))

@@ -29,6 +29,9 @@ NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 #: where in it), and the value of a constant.
 Instruction = tuple[int, list[int], list[int], float]
 
+#: What is no operation, and moves numbers.
+MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER}
+
 #: What a function is evaluated on.
 Kind = TypeVar("Kind")
 
@@ -39,6 +42,11 @@ def instructions(function: ca.Function) -> Iterator[Instruction]:
         code = function.instruction_id(k)
         constant = function.instruction_constant(k) if code == ca.OP_CONST else 0.0
         yield code, list(function.instruction_input(k)), list(function.instruction_output(k)), constant
+
+
+def opcodes(function: ca.Function) -> Iterator[int]:
+    """The opcodes of a function, in order, without those that move numbers."""
+    return (code for code, *_ in instructions(function) if code not in MOVES)
 
 
 def walk(
@@ -232,7 +240,7 @@ def pack(array: object) -> ca.SX:
 
 
 def trace(
-    function: Callable[..., Any],
+    function: Callable[..., object],
     *shapes: ArgumentShape,
     name: str = "traced",
     names: Sequence[str] | None = None,
@@ -250,9 +258,7 @@ def trace(
     inputs = [pack(argument) for argument in arguments]
 
     def called() -> list[ca.SX]:
-        results = cast(Any, function)(
-            *(argument.copy() for argument in arguments)
-        )  # the code may write into them
+        results = function(*(argument.copy() for argument in arguments))  # the code may write into them
         every = cast(tuple[Elements, ...], results if isinstance(results, tuple) else (results,))
         return [pack(result) for result in every]
 
@@ -334,7 +340,7 @@ def digest(function: ca.Function) -> str:
 
 
 def jacobian(
-    function: Callable[..., Any], *shapes: ArgumentShape, name: str = "jacobian"
+    function: Callable[..., object], *shapes: ArgumentShape, name: str = "jacobian"
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Exact value and Jacobian of `function` with respect to its first argument.
 

@@ -70,6 +70,7 @@ class Expressions:
                 if self._takes_name(operation, place):
                     self._plain.add(value)
         self.results = Counter(value for _, _, value in flow.outputs)
+        self.sizes = dict[int, int]()  # operations of each value's expression
         self._within = self._embedded(inside)
 
     def _takes_name(self, operation: Operation, place: int) -> bool:
@@ -85,7 +86,7 @@ class Expressions:
 
     def _embedded(self, inside: Mapping[int, Hashable]) -> set[int]:
         """Values that stand in the expression that uses them."""
-        found, sizes, widths = set[int](), dict[int, int](), dict[int, int]()
+        found, sizes, widths = set[int](), self.sizes, dict[int, int]()
         for k, operation in self.flow.operations.items():
             if operation.code in LEAVES:
                 continue
@@ -178,11 +179,9 @@ class Expressions:
         ]
         if operation.code in self._calls:
             return Text(f"{self._calls[operation.code]}({operands[0].bare})", True)
-        text = OPERATIONS[operation.code].c
-        first = self.flow.operations[operation.arguments[0]].code
-        if first == casadi.OP_CONST or first in TRUTHS:  # which is a number
-            text = text.replace("({1} < {0}) || (isnan({0}) != 0)", "{1} < {0}")
-            text = text.replace("({1} > {0}) || (isnan({0}) != 0)", "{1} > {0}")
+        row, first = OPERATIONS[operation.code], self.flow.operations[operation.arguments[0]].code
+        number = first == casadi.OP_CONST or first in TRUTHS
+        text = row.c_of_number if number and row.c_of_number else row.c
         written = text.format(*operands, one=self._unit, zero=self._zero, f=self.real.suffix)
         called = written[0].isalpha() and text.endswith(")")
         return Text(written, called or operation.code == casadi.OP_ASSIGN)

@@ -4,9 +4,8 @@ For several, every number is a row of LANES numbers, and the text is a few loops
 into vector instructions. Where the function calls the mathematical library, which has no vectors, the loops are cut:
 what later loops need of earlier ones is kept in rows.
 
-A long text is cut into functions of at most `LONGEST` lines, at the stages of the function where these are known, for
-readers, and for checkers, whose time grows with the square of a function's length. What later ones need of earlier ones
-is kept in an array.
+A long text is several functions, cut as `flexhinf.codegen.cut` says, at the stages of the function where these are
+known. What later ones need of earlier ones is kept in an array.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import count, groupby, pairwise
+from itertools import count, groupby
 
 import casadi
 
@@ -25,8 +24,9 @@ from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real
 from flexhinf.codegen.c.expression import Expressions
 from flexhinf.codegen.c.layout import block, headed, loop
+from flexhinf.codegen.cut import Filling, pieces
 from flexhinf.codegen.dataflow import LEAVES, Dataflow
-from flexhinf.codegen.operations import COSTLY
+from flexhinf.codegen.operations import COSTLY, OPERATIONS
 
 #: The last argument of a function that keeps rows between its loops, in memory of the caller.
 ROWS = "rows"
@@ -36,7 +36,7 @@ TERMS = "terms"
 
 #: Operations of a loop over the lanes after which results that share none begin another: what a compiler loads before
 #: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
-#: whose stack would grow by what each of them needs.
+#: whose stack would grow by what each of them needs, and neither is one that keeps arrays.
 LONG = 48
 
 #: Factors of a product that is called by their places.
@@ -47,10 +47,6 @@ FEW = 4
 
 #: Values of one loop over the lanes that share some, at most.
 MANY = 120
-
-#: Lines of one function of C, about, if it is cut, and up to which it is not.
-LONGEST, WHOLE = 50, 100
-
 
 #: Some of a function's outputs, as `Dataflow` has them.
 Results = list[tuple[int, int, int]]
@@ -108,8 +104,9 @@ class FunctionText:
         return texts
 
     def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
-        apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
         whole = name == self.name
+        keeps = whole and bool(self._arrays)
+        apart = "NOINLINE " if keeps or sum(map(_operations, lines)) > LONG else ""
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
         declared, begin, written = list[str](), list[str](), (*self.results, *self._arrays, ROWS)
         for word in arguments:
@@ -184,10 +181,8 @@ class FunctionText:
                 self.elements and self.elements[operation.arguments[0]]
             ):
                 known[k] = operation.arguments[0], operation.arguments[1:]
-            elif operation.code in (casadi.OP_MUL, casadi.OP_SQ):
-                factors = [
-                    known.get(each, (-1, ())) for each in (*operation.arguments, operation.arguments[0])[:2]
-                ]
+            elif operation.operands and (places := OPERATIONS[operation.code].factors):
+                factors = [known.get(operation.arguments[place], (-1, ())) for place in places]
                 (one, first), (other, second) = factors
                 if one == other >= 0 and len(first) + len(second) <= FACTORS:
                     known[k] = one, tuple(sorted(first + second))
@@ -197,29 +192,18 @@ class FunctionText:
     @cached_property
     def _parts(self) -> list[list[Stage]]:
         """Lines of each function, stage by stage."""
-        stages = self._stage_of
+        stages, sizes = self._stage_of, self._expressions.sizes
         lines = self._expressions.lines(list(stages))
-        if len(lines) <= WHOLE:
-            return [
-                [(stage, [k for k in lines if stages[k] == stage]) for stage in sorted({*stages.values()})]
-            ]
         last = {value: place for place, k in enumerate(lines) for value in self._expressions.leaves(k)}
-        ends = sorted((last[k], place) for place, k in enumerate(lines) if last.get(k, -1) > place)
-        groups: list[Stage] = []
-        for stage in sorted({*stages.values()}):
-            first, end = (bisect_left(lines, k, key=stages.__getitem__) for k in (stage, stage + 1))
-            pieces = -(-(end - first) // LONGEST)
-            cuts = [first + (end - first) * k // pieces for k in range(pieces + 1)] if pieces else []
-            for k in range(1, pieces):  # nearby, where the fewest values are kept
-                near = range(cuts[k] - LONGEST // 5, cuts[k] + LONGEST // 5)
-                cuts[k] = min(near, key=lambda cut, at=cuts[k]: (_alive(ends, cut), abs(cut - at)))
-            groups += [(stage, lines[a:b]) for a, b in pairwise(cuts)]
-        parts: list[list[Stage]] = []
-        for stage, group in groups:
-            if not parts or sum(2 + len(own) for _, own in parts[-1]) + len(group) > LONGEST:
-                parts.append([])
-            parts[-1].append((stage, group))
-        return parts or [[]]
+        parts, filling, begin = dict[int, list[Stage]](), Filling(), 0
+        for stage, own in groupby(lines, stages.__getitem__):
+            here = list(own)
+            uses = [last.get(k, -1) - begin for k in here]
+            for piece in pieces([sizes[k] for k in here], uses):
+                number = filling.add(sum(sizes[k] for k in here[piece]))
+                parts.setdefault(number, []).append((stage, here[piece]))
+            begin += len(here)
+        return list(parts.values()) or [[]]
 
     @cached_property
     def _part_of(self) -> dict[int, int]:
@@ -334,12 +318,10 @@ class FunctionText:
 
     # Several columns ----------------------------------------------------------------------------------
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
-        parts: list[list[str]] = [[]]
+        parts, filling = dict[int, list[str]](), Filling()
         for lines in filter(None, self.several()):
-            if parts[-1] and len(parts[-1]) + len(lines) > LONGEST:
-                parts.append([])
-            parts[-1] += lines
-        for number, lines in enumerate(parts, start=1):
+            parts.setdefault(filling.add(sum(map(_operations, lines))), []).extend(lines)
+        for number, lines in enumerate(parts.values(), start=1):
             yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
 
     @cached_property
@@ -516,11 +498,6 @@ def _uses(lines: Iterable[str], word: str) -> bool:
 def _changes(lines: Iterable[str], word: str) -> bool:
     """Whether an element of an array is written, by itself or by a function of rows."""
     return any(re.search(rf"^\s*{word}\[[^\]]*\] = |_row\(.*, {word}\b", line) for line in lines)
-
-
-def _alive(ends: Sequence[tuple[int, int]], cut: int) -> int:
-    """How many values, as (line of the last use, line), are used on both sides of a line."""
-    return sum(place < cut for _, place in ends[bisect_left(ends, (cut, -1)) :])
 
 
 def _operations(line: str) -> int:

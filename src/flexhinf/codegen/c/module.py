@@ -30,7 +30,6 @@ from flexhinf.codegen.program import (
     Program,
     Repeat,
     Residual,
-    Simple,
     Stages,
     Step,
     Sweep,
@@ -252,8 +251,7 @@ class Translator:
 
     def _headed(self, step: Step) -> list[str]:
         """A comment where something new begins."""
-        written = slices(step)[1] if isinstance(step, Simple) else ()
-        about = next(filter(None, (parts.about(written) for parts in self._parts.values())), "")
+        about = next(filter(None, (parts.about(slices(step)[1]) for parts in self._parts.values())), "")
         return [line for text in about.splitlines() for line in headed(text)]
 
     def _take(self, name: str, size: int) -> str:

@@ -230,7 +230,7 @@ class _Emitter:
         self.calls: Counter[str] = Counter()
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
-        self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
+        self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {  # each of its own kind
             Repeat: self._repeat,
             When: self._when,
             Map: self._map,

@@ -6,8 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 
+from flexhinf.codegen.differences import difference
 from flexhinf.scalars import apply, clip, sign, trace, where
-from flexhinf.scalars.differences import difference
 
 #: A function of a library of functions and (x, p), and where it is evaluated.
 SMOOTH = {
