@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from flexhinf.arrays import Numbers, Vector
-from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
@@ -293,9 +293,10 @@ class TrajectoryServer:
         if not self._follower.waits and self._pending:
             self._in_use, self._pending = self._pending, 0
         try:
-            timed = {"elapsed": elapsed} if self._is_compiled else {}
-            self._u = self._stepped.step(y, followed.row, **timed)
+            self._u = self._stepped.step(y, followed.row, elapsed)
             self._failures = 0
+        except WrongPeriod as failure:
+            self.stop(f"the controller stopped: BAD_PERIOD: {failure.found}")
         except NumericalFailure as failure:  # the input before it is held, once
             self._failures += 1
             if self._failures > 1:
