@@ -13,8 +13,8 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.names import distinct_names
 from flexhinf.export.ros2_description import description_values, initial_values
+from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import joint_places
@@ -36,9 +36,6 @@ INTERFACES = {
     "position_command": "position",
 }
 
-#: Numbers of the published health before the bits of the status.
-HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands")
-
 
 def package_name(code: ControllerCode) -> str:
     """Name of the package: ROS 2 wants small letters."""
@@ -52,7 +49,7 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
 
     Raises InvalidInput: if two measurements, or two inputs, would have one interface.
     """
-    names = {kind: _identifiers(signals) for kind, signals in code.signals.items()}
+    names = {kind: identifiers(signals) for kind, signals in code.signals.items()}
     limits = code.controller.limits
     measurements, inputs = (
         [
@@ -77,30 +74,23 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
         "states": names["X"],
         "joint_names": [] if code.robot is None else list(code.robot.joint_names),
         **description_values(code, rests, described),
-        "health": _health(code, names["Y"]),
+        "health": _health(code),
         **_start_values(code, _StandstillModel.of(code), home),
     }
 
 
-def _health(code: ControllerCode, measured: Sequence[str]) -> list[dict[str, str]]:
+def _health(code: ControllerCode) -> list[dict[str, str]]:
     """Names of the published numbers, and in C++ the values of those behind `HEALTH`."""
-    rows = [(name, "") for name in HEALTH]
-    for bit in Status:
-        value = f"static_cast<double>((output_.status & {code.upper(str(bit.name))}) != 0)"
-        rows.append((str(bit.name).lower(), value))
-    counts = ["unseen"] + ["doubtful"] * (code.doubt is not None) + ["rejected"] * (code.rejected is not None)
-    for count in counts:
-        if count == "doubtful":
-            rows.append((count, "static_cast<double>(output_.doubtful)"))
-            continue
-        for k, name in enumerate(measured):
-            rows.append((f"{count}.{name}", f"static_cast<double>(output_.{count}[{k}])"))
-    return [{"name": name, "value": Markup(value)} for name, value in rows]
+    bits = {int(bit): code.upper(str(bit.name)) for bit in Status}
 
+    def value(kind: str, place: int) -> str:
+        if kind == "status_bit":
+            return f"static_cast<double>((output_.status & {bits[place]}) != 0)"
+        if kind == "doubtful":
+            return "static_cast<double>(output_.doubtful)"
+        return "" if kind in HEALTH else f"static_cast<double>(output_.{kind}[{place}])"
 
-def _identifiers(signals: Sequence[str]) -> list[str]:
-    """Names of signals for parameters, each once."""
-    return distinct_names([re.sub(r"[^A-Za-z0-9_]+", "_", name) for name in signals])
+    return [{"name": name, "value": Markup(value(kind, place))} for name, kind, place in health_names(code)]
 
 
 def _interfaces(code: ControllerCode, kind: str) -> list[str]:

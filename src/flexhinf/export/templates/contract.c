@@ -218,6 +218,17 @@ static void overwritten_parts(void)
         }
         expect(output.estimate[0] >= 0 && output.estimate[0] <= 0, "an estimate of zero where it was overwritten");
     }
+    for (int k = 0; k < 2; ++k) { /* finite, and beyond the limits */
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            const @{name}_real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
+            const @{name}_real end = (k == 0) ? least - 1 : most + 1;
+            state.held[i] = end;
+        }
+        expect(step() == @{NAME}_WAITING, "WAITING after an input was overwritten");
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            expect(output.u[i] >= begun[i] && output.u[i] <= begun[i], "the input of the start where the last one is beyond");
+        }
+    }
     for (int k = 0; k < 2; ++k) { /* every memory, or what is applied until there is a measurement */
         give();
         for (int j = 0; j < 3 && k == 0; ++j) {
@@ -257,11 +268,83 @@ static void overwritten_parts(void)
     state.missing = -1;
     input.measured = 0;
     expect(holds(@{NAME}_STOPPED), "STOPPED where the count of missing samples was overwritten");
+    if (@{NAME}_COMMANDS > 0) {
+        give();
+        state.missing = -1;
+        input.r[0] = (@{name}_real)NAN;
+        expect(holds((param.missing_limit > 0) ? @{NAME}_STOPPED : @{NAME}_BAD_COMMAND), "STOPPED there with a bad command too");
+        param.missing_limit = 0;
+        expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND where no sample may be missing");
+        param = @{name}_defaults;
+    }
+    give();
+    expect(step() == @{NAME}_OK, "OK after it");
+    if (PREDICTS && @{NAME}_COMMANDS > 0) {
+        input.measured = 0;
+        input.r[0] = (@{name}_real)NAN;
+        expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND without a measurement");
+    }
     give();
     state.samples = -7;
     expect(step() == @{NAME}_OK && state.samples == 1, "a count of good samples from the start");
     state.samples = 32000;
     expect(step() == @{NAME}_OK && state.samples == 1, "a count of good samples that ends");
+}
+
+/* What may stand in the place of a number: none, the opposite, another size, and what is not finite. */
+static @{name}_real other(@{name}_real number, int kind)
+{
+    const @{name}_real large = number * 1000000 + 1;
+    return (kind == 0)   ? 0
+           : (kind == 1) ? -number
+           : (kind == 2) ? large
+           : (kind == 3) ? number / 1000000
+           : (kind == 4) ? (@{name}_real)NAN
+                         : (@{name}_real)HUGE_VAL;
+}
+
+static void some_steps(void)
+{
+    (void)step();
+    (void)step();
+    input.measured = 0;
+    (void)step();
+    give();
+}
+
+/* One number after the other is another one: of the parameters from the start on, and of the memory. Whatever comes of
+ * it, `step` looks at what is applied; afterwards all goes on from a start. */
+static void other_numbers(void)
+{
+    enum { KINDS = 6, MOST = 64, PARAMETERS = 1 + @{NAME}_PARAMETERS / MOST, MEMORIES = 1 + @{NAME}_MEMORY / MOST };
+    @{name}_real elsewhere[@{NAME}_STATES];
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        elsewhere[i] = first_estimate[i] + (@{name}_real)0.125;
+    }
+    for (int i = 0; i < @{NAME}_PARAMETERS; i += PARAMETERS) {
+        const int is_limit = i >= @{NAME}_P_LOWER && i < @{NAME}_P_LOWER + @{NAME}_INPUTS;
+        const int is_other = i >= @{NAME}_P_UPPER && i < @{NAME}_P_UPPER + @{NAME}_INPUTS;
+        for (int k = 0; k < KINDS && !is_limit && !is_other; ++k) {
+            param.value[i] = other(@{name}_defaults.value[i], k);
+            expect(@{name}_start(&state, &param, elsewhere, NULL) == @{NAME}_OK, "a start with another parameter");
+            some_steps();
+            expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start with another parameter");
+            some_steps();
+        }
+        param = @{name}_defaults;
+    }
+    for (int i = 0; i < @{NAME}_MEMORY; i += MEMORIES) {
+        for (int k = 0; k < KINDS; ++k) {
+            expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+            some_steps();
+            state.memory[i] = other(state.memory[i], k);
+            some_steps();
+            give();
+            (void)step();
+            expect(step() == @{NAME}_OK || !PREDICTS, "OK some samples after a number was overwritten");
+        }
+    }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
 }
 
 /* Some time after the start the memory goes back to an earlier one, and not to the start. */
@@ -476,9 +559,12 @@ static void periods(void)
         input.elapsed = 3 * @{NAME}_PERIOD;
         expect(step() == @{NAME}_OK, "OK at a single late step");
     }
-    state.slip = (@{name}_real)HUGE_VAL; /* as by an overwritten memory */
-    input.elapsed = @{NAME}_PERIOD;
-    expect(step() == @{NAME}_OK, "OK after what is known of the period was overwritten");
+    for (int k = 0; k < 3; ++k) { /* as by an overwritten memory */
+        state.slip = (k == 0) ? (@{name}_real)HUGE_VAL : (k == 1) ? -2 : (@{name}_real)NAN;
+        input.elapsed = @{NAME}_PERIOD;
+        expect(step() == @{NAME}_OK, "OK after what is known of the period was overwritten");
+        expect(state.slip >= 0 && state.slip <= 0, "a period that is known anew");
+    }
     state.slip = 1;
     input.elapsed = 0;
     expect(step() == @{NAME}_OK, "OK where the time is not known");
@@ -538,6 +624,7 @@ int main(void)
     overwritten((@{name}_real)NAN);
     overwritten((@{name}_real)HUGE_VAL);
     overwritten_parts();
+    other_numbers();
     goes_back();
     periods();
     limits();
