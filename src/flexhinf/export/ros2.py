@@ -13,6 +13,7 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.follow import follower_of
 from flexhinf.export.ros2_description import description_values, initial_values
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
@@ -75,8 +76,19 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
         "joint_names": [] if code.robot is None else list(code.robot.joint_names),
         **description_values(code, rests, described),
         "health": _health(code),
+        "references": _references(code),
         **_start_values(code, _StandstillModel.of(code), home),
     }
+
+
+def _references(code: ControllerCode) -> list[str]:
+    """Interfaces that another controller may command: positions and velocities of the joints along a trajectory, or
+    each number of the command."""
+    if follower_of(code) is not None and code.robot is not None:
+        return [f"{joint}/{kind}" for kind in ("position", "velocity") for joint in code.robot.joint_names]
+    names = code.controller.commanded
+    usual = _usual_interfaces(code, names)
+    return [one if usual.count(one) == 1 else f"{name}/value" for name, one in zip(names, usual, strict=True)]
 
 
 def _health(code: ControllerCode) -> list[dict[str, str]]:
@@ -93,10 +105,9 @@ def _health(code: ControllerCode) -> list[dict[str, str]]:
     return [{"name": name, "value": Markup(value(kind, place))} for name, kind, place in health_names(code)]
 
 
-def _interfaces(code: ControllerCode, kind: str) -> list[str]:
+def _usual_interfaces(code: ControllerCode, signals: Sequence[str]) -> list[str]:
     """Usual interfaces of signals, with the names of the joints as the robot has them: ``elbow/position`` of
     link_position_elbow. The only joint of no known robot is called joint."""
-    signals = code.signals[kind]
     joints: Sequence[str] = () if code.robot is None else code.robot.joint_names
     known = {
         per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints
@@ -108,6 +119,13 @@ def _interfaces(code: ControllerCode, kind: str) -> list[str]:
         found.append(
             known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}")
         )
+    return found
+
+
+def _interfaces(code: ControllerCode, kind: str) -> list[str]:
+    """Those of measurements or inputs, each of which must have one of its own."""
+    signals = code.signals[kind]
+    found = _usual_interfaces(code, signals)
     for k, interface in enumerate(found):
         refuse_if(
             interface in found[:k],
