@@ -366,5 +366,5 @@ def _tables(
                 "time": goal.goal_time,
             }
         )
-        points += [(time, *numbers[:, k], goal.order) for k, time in enumerate(times)]
+        points += [(time, *numbers[:, k], goal.orders[k]) for k, time in enumerate(times)]
     return points, rows

@@ -44,6 +44,18 @@ MOVED_PARTS = (
 
 NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
 
+#: What a design may leave unwatched, by an infinite number, and the number in its place, rad or m.
+UNWATCHED_PARTS, WATCHED_FROM = ("swings_smallest", "following"), 0.02
+
+#: Integrals that push an input beyond any wind-up, in their unit.
+WOUND_UP = 1e4
+
+#: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
+TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
+
+#: Pivots of a covariance, relative to its diagonal: below rounding, which counts as zero, and just above it.
+PIVOTS, MOST_PIVOTS = (-6e-14, 3e-14, 5e-14), 4
+
 #: How far the start is from where the estimator begins, in the unit of each state, and commands from measurements.
 ELSEWHERE, AWAY = 0.02, 0.2
 
@@ -97,13 +109,15 @@ def provocations(code: ControllerCode, first: np.ndarray) -> Iterator[Provocatio
         with suppress(NumericalFailure):
             numbers = held(_saturated(code.controller, numbers, one.answered(code.controller).u, lasting))
             pushed = held(_pushed(code.controller, numbers))
-            yield _with_memories(replace(one, numbers=numbers, input=pushed), code.controller, held)
+            exact = code.real.bytes == 8
+            yield _with_memories(replace(one, numbers=numbers, input=pushed), code.controller, held, exact)
 
 
 def _with_memories(
-    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray]
+    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray], exact: bool
 ) -> Provocation:
-    """With rows in which the controller goes on from other memories, of those that end in finite numbers."""
+    """With rows in which the controller goes on from other memories, of those that end in finite numbers; `exact`:
+    whether rounding of the C is that of Python."""
 
     def begun() -> Controller:
         """A controller that has had all rows so far."""
@@ -112,7 +126,7 @@ def _with_memories(
         return fresh
 
     rows, going = slice(0, EACH), begun()
-    for memory in map(held, _memories(controller)):
+    for memory in map(held, (*_memories(controller), *(_singular_memories(controller) if exact else ()))):
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
         if controller.gaps and y.shape[1] > 1:
@@ -157,6 +171,43 @@ def _memories(controller: Controller) -> Iterator[np.ndarray]:
             yield memory
 
 
+def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
+    """Memories whose integrals are wound up, those that turn the arm, and of a small memory those in which one pivot of a
+    covariance is zero to
+    rounding, which the tolerance of its factor decides."""
+    first = controller.initial_memory()
+    place = controller.memory.places.get("integral")
+    if place is not None and place.stop > place.start:
+        for side in (-1.0, 1.0):
+            memory = np.array(first)
+            memory[place] += side * WOUND_UP
+            yield memory
+    belief = () if controller.estimator is None else controller.memory.named(np.array(first)).belief
+    positions = np.array(["position" in name for name in controller.estimated], dtype=float)
+    for turned in TURNED if len(belief) and np.shape(belief[0]) == positions.shape else ():
+        memory = np.array(first)
+        controller.memory.named(memory).belief[0][:] += turned * positions
+        yield memory
+    rng = np.random.default_rng(SEED)
+    for number, part in enumerate(belief if first.size <= LARGE else ()):
+        if (
+            part.ndim != 2
+            or part.shape[0] != part.shape[1]
+            or not np.array_equal(part, part.T)
+            or not part.any()
+        ):
+            continue
+        n, scale = len(part), np.sqrt(np.diag(part))
+        for k in np.unique(np.linspace(1, n - 1, MOST_PIVOTS).astype(int)) if n > 1 else ():
+            for pivot in PIVOTS:
+                root = scale[:, None] * np.tril(rng.uniform(0.2, 1.0, (n, n)))
+                covariance = root @ root.T
+                covariance[k, k] = (root[k, :k] @ root[k, :k]) * (1.0 + pivot)
+                memory = np.array(first)
+                controller.memory.named(memory).belief[number][:] = covariance
+                yield memory
+
+
 def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> np.ndarray:
     """The numbers of the step, moved; limits of inputs, the box and rates are narrower."""
     moved, places = np.array(numbers, dtype=float), controller.data.places
@@ -164,7 +215,13 @@ def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> 
         if name in places:
             part = moved[places[name]]
             by = part * (1.0 + MOVED * np.cos(1.0 + np.arange(part.size)))
-            moved[places[name]] = np.where((part == 0.0) & (zeros and name == "parameters"), OF_ZERO, by)
+            moved[places[name]] = np.where(
+                (part == 0.0) & (zeros and name in ("parameters", "law")), OF_ZERO, by
+            )
+    for name in UNWATCHED_PARTS:
+        if name in places:
+            part = moved[places[name]]
+            moved[places[name]] = np.where(np.isposinf(part), WATCHED_FROM, part)
     for name in NARROWED_PARTS:
         if name in places:
             moved[places[name]] *= NARROWER  # infinite ones stay

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
@@ -39,6 +40,7 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
     return {
         "far": far_values(code),
+        "largest": Markup(LARGEST[code.real.name]),
         "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
         "starts": starts_elsewhere(code),
         "tries": tries(code),
@@ -88,11 +90,20 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
+            values += _beyond_ends(rows[place]) if place in rows else []
         for value in (float(kind(value)) for value in values):
             found.append(
                 (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
             )
     return found
+
+
+def _beyond_ends(row: Range) -> list[float]:
+    """Numbers on either side of each end of a range, which are not equal to it in float either."""
+    ends = [
+        end for end in {row.least, row.most, row.low, row.high} if math.isfinite(end) and abs(end) > 1e-30
+    ]
+    return sorted(end + side * CHANGE * abs(end) for end in ends for side in (-1.0, 1.0))
 
 
 def _some(places: Sequence[int], most: int) -> list[int]:

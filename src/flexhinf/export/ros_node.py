@@ -90,8 +90,8 @@ def goal_of(
 ) -> FollowGoal:
     """The goal of a `JointTrajectory` with tolerances of path and goal; `now`: ns, of the clock of its stamp.
 
-    Raises InvalidInput: for rows that do not fit the joints, waypoints of different kinds, efforts, and tolerances of
-    accelerations, which are not measured.
+    Raises InvalidInput: for rows that do not fit the joints, efforts, and tolerances of accelerations, which are not
+    measured.
     """
     points, stamp = list(trajectory.points), nanoseconds(trajectory.header.stamp)
     if any(len(point.effort) for point in points):
@@ -109,13 +109,6 @@ def goal_of(
         name: [list(getattr(point, name)) for point in points]
         for name in ("positions", "velocities", "accelerations")
     }
-    for name, several in rows.items():
-        if len({len(row) for row in several}) > 1:
-            raise InvalidInput(
-                f"Waypoints differ in what they state of {name}.",
-                f"expected as many numbers in each, got {[len(row) for row in several][:10]}",
-                f"{name} in every waypoint, or in none",
-            )
     velocities, accelerations = (
         rows[name] if any(rows[name]) else None for name in ("velocities", "accelerations")
     )

@@ -74,6 +74,16 @@ static int holds(int expected)
     return right;
 }
 
+/* A start forgets all that is counted. */
+static void begun(void)
+{
+    expect(state.missing == 0 && state.failed == 0 && state.began_again == 0 && state.samples == 0, "counts that begin");
+    expect(state.slip >= 0 && state.slip <= 0 && state.waiting == 1 && state.refused == 0, "a start from nothing");
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        expect(state.unseen[i] == 0, "measurements that were seen");
+    }
+}
+
 static void starts(void)
 {
     expect(step() == @{NAME}_NOT_INITIALISED, "NOT_INITIALISED before init");
@@ -100,6 +110,33 @@ static void starts(void)
         expect(@{name}_start(&state, &param, estimate, acting) == bad, "BAD_START for a start that is not finite");
         expect(step() == ((bad == @{NAME}_OK) ? @{NAME}_OK : @{NAME}_NOT_INITIALISED), "NOT_INITIALISED after BAD_START");
     }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    expect(step() == @{NAME}_OK, "OK after a start");
+    state.missing = 3;
+    state.failed = 1;
+    state.began_again = 1;
+    state.samples = 5;
+    state.slip = 1;
+    state.unseen[@{NAME}_MEASUREMENTS - 1] = 7;
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    begun();
+    expect(step() == @{NAME}_OK, "OK after a start");
+}
+
+/* A start that is finite and bad: the memory goes back to it once, and then to that of the design. */
+static void bad_start(void)
+{
+    @{name}_real far[@{NAME}_STATES];
+    int first = 0;
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        far[i] = @{largest};
+    }
+    (void)@{name}_start(&state, &param, far, NULL);
+    give();
+    for (int k = 1; k <= 20 && first == 0; ++k) {
+        first = (step() == @{NAME}_OK) ? k : 0;
+    }
+    expect(first > 0 || !PREDICTS, "OK some samples after a bad start");
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
     expect(step() == @{NAME}_OK, "OK after a start");
 }
@@ -620,6 +657,7 @@ int main(void)
     param = @{name}_defaults;
     give();
     starts();
+    bad_start();
     samples();
     overwritten((@{name}_real)NAN);
     overwritten((@{name}_real)HUGE_VAL);
