@@ -50,6 +50,13 @@ UNWATCHED_PARTS, WATCHED_FROM = ("swings_smallest", "following"), 0.02
 #: Integrals that push an input beyond any wind-up, in their unit.
 WOUND_UP = 1e4
 
+#: Numbers of a memory up to which each is changed alone, with one row each; of a larger one some behind the estimator's
+#: own; of one that is larger still none.
+MOST_CHANGED, MOST_PLACES, LARGEST = 64, 40, 400
+
+#: Parts of a memory that count.
+COUNTS = ("doubt", "rejected", "seen")
+
 #: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
 TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
 
@@ -125,14 +132,23 @@ def _with_memories(
         one.feed_to(fresh)
         return fresh
 
-    rows, going = slice(0, EACH), begun()
-    for memory in map(held, (*_memories(controller), *(_singular_memories(controller) if exact else ()))):
+    going = begun()
+    met = going._history.memory.copy()
+    other = [(memory, EACH) for memory in _memories(controller)]
+    if exact:
+        other += [(memory, 2) for memory in _singular_memories(controller)]
+        other += [(memory, 1) for memory in _changed_memories(controller, met)]
+    for memory, count in other:
+        memory, rows = held(memory), slice(0, count)
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
-        if controller.gaps and y.shape[1] > 1:
+        if controller.gaps and y.shape[1] > 1 and count == EACH:
             y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
-        without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2),) if controller.gaps else ()))
-        repeats = [*one.repeats, *[1] * EACH]
+        without = (
+            *one.unmeasured,
+            *((len(one.y) + (len(memories) % 2),) if controller.gaps and count == EACH else ()),
+        )
+        repeats = [*one.repeats, *[1] * count]
         longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
         try:
             longer.feed_to(going, len(one.y))
@@ -171,10 +187,36 @@ def _memories(controller: Controller) -> Iterator[np.ndarray]:
             yield memory
 
 
+def _changed_memories(controller: Controller, memory: np.ndarray) -> Iterator[np.ndarray]:
+    """A small memory with one number after the other changed: none, its opposite, a little more, and much more; but for
+    counts, of which C tells none that cannot be."""
+    belief = controller.memory.places["belief"].stop if "belief" in controller.memory.places else 0
+    is_small = memory.size <= MOST_CHANGED
+    counts = {place for name in COUNTS for place in _places(controller, name)}
+    places = sorted(set(range(0 if is_small else belief, memory.size)) - counts)
+    for place in (
+        places[:: 1 if is_small else max(1, len(places) // MOST_PLACES)] if memory.size <= LARGEST else ()
+    ):
+        number = memory[place]
+        others = (0.0, -number, number + OF_ZERO, 10.0 * number + 1.0)
+        for other in others if is_small else others[2:]:
+            if other != number:
+                changed = np.array(memory)
+                changed[place] = other
+                yield changed
+
+
+def _places(controller: Controller, name: str) -> list[int]:
+    """Of a part of the memory, or of what the estimator keeps."""
+    every, estimator = np.arange(controller.initial_memory().size), controller.estimator
+    if estimator is not None and name in estimator.initial._fields:
+        return controller.memory.named(every).belief[estimator.initial._fields.index(name)].ravel().tolist()
+    return every[controller.memory.places.get(name, slice(0))].tolist()
+
+
 def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
-    """Memories whose integrals are wound up, those that turn the arm, and of a small memory those in which one pivot of a
-    covariance is zero to
-    rounding, which the tolerance of its factor decides."""
+    """Memories whose integrals are wound up, those that turn the arm, and of a small memory those in which one pivot of
+    a covariance is zero to rounding, which the tolerance of its factor decides."""
     first = controller.initial_memory()
     place = controller.memory.places.get("integral")
     if place is not None and place.stop > place.start:

@@ -372,13 +372,15 @@ static void other_numbers(void)
     }
     for (int i = 0; i < @{NAME}_MEMORY; i += MEMORIES) {
         for (int k = 0; k < KINDS; ++k) {
+            int code = @{NAME}_BAD_RESULT;
             expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
             some_steps();
             state.memory[i] = other(state.memory[i], k);
             some_steps();
-            give();
-            (void)step();
-            expect(step() == @{NAME}_OK || !PREDICTS, "OK some samples after a number was overwritten");
+            for (int j = 0; j < 16 && code != @{NAME}_OK && code != UNMEASURED; ++j) {
+                code = step(); /* UNMEASURED: what was seen before was overwritten, and this is not believed yet */
+            }
+            expect(code == @{NAME}_OK || code == UNMEASURED || !PREDICTS, "OK some samples after a number was overwritten");
         }
     }
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
