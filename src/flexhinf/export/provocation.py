@@ -268,7 +268,7 @@ def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> 
         if name in places:
             moved[places[name]] *= NARROWER  # infinite ones stay
     if "rcond_limit" in places:
-        moved[places["rcond_limit"]] = 2.0  # no correction is as well conditioned
+        moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
 from flexhinf.export.recording import Recording
@@ -40,6 +41,8 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
     return {
         "far": far_values(code),
+        "flips": flips(code, run) if code.real.bytes == 8 else [],
+        "most_flips": MOST_FLIPS,
         "largest": Markup(LARGEST[code.real.name]),
         "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
         "starts": starts_elsewhere(code),
@@ -50,6 +53,30 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
         "first_r": run.r[0],
         "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,
     }
+
+
+#: How many numbers of a memory get the other sign, one after the other.
+MOST_FLIPS = 64
+
+
+def flips(code: ControllerCode, run: Recording) -> list[int]:
+    """Whether a step fails (1 or 0) after one number of the memory got the other sign, three samples from the start."""
+    one, y, r = code.controller.fresh(), run.y[0], run.r[0][: code.sizes["r"]]
+    command = r if code.controller.commanded else None
+    for measured in (y, y, None if code.predicts else y):
+        one.step(measured, command)
+    memory, failed = one._history.memory.copy(), list[int]()
+    for place in range(0, memory.size, 1 + memory.size // MOST_FLIPS):
+        history = one._history
+        history.begin(memory)
+        history.waiting = False
+        history.memory[place] = -memory[place]
+        try:
+            one.step(y, command)
+            failed.append(0)
+        except NumericalFailure:
+            failed.append(1)
+    return failed
 
 
 def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:

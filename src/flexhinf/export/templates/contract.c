@@ -353,7 +353,12 @@ static void some_steps(void)
  * it, `step` looks at what is applied; afterwards all goes on from a start. */
 static void other_numbers(void)
 {
-    enum { KINDS = 6, MOST = 64, PARAMETERS = 1 + @{NAME}_PARAMETERS / MOST, MEMORIES = 1 + @{NAME}_MEMORY / MOST };
+{% if flips %}
+    static const int fails[@{flips | length}] = {
+@{in_lines(flips)}
+    };
+{% endif %}
+    enum { KINDS = 6, MOST = @{most_flips}, PARAMETERS = 1 + @{NAME}_PARAMETERS / MOST, MEMORIES = 1 + @{NAME}_MEMORY / MOST };
     @{name}_real elsewhere[@{NAME}_STATES];
     for (int i = 0; i < @{NAME}_STATES; ++i) {
         elsewhere[i] = first_estimate[i] + (@{name}_real)0.125;
@@ -372,10 +377,16 @@ static void other_numbers(void)
     }
     for (int i = 0; i < @{NAME}_MEMORY; i += MEMORIES) {
         for (int k = 0; k < KINDS; ++k) {
-            int code = @{NAME}_BAD_RESULT;
+            int code = @{NAME}_BAD_RESULT, first;
             expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
             some_steps();
             state.memory[i] = other(state.memory[i], k);
+            first = step();
+{% if flips %}
+            expect(k != 1 || (first == @{NAME}_BAD_RESULT) == (fails[i / MEMORIES] != 0), "BAD_RESULT where a number of the memory cannot be");
+{% else %}
+            (void)first;
+{% endif %}
             some_steps();
             for (int j = 0; j < 16 && code != @{NAME}_OK && code != UNMEASURED; ++j) {
                 code = step(); /* UNMEASURED: what was seen before was overwritten, and this is not believed yet */
