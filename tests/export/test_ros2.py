@@ -33,6 +33,7 @@ pytestmark = [
 HERE = Path(__file__).parent / "ros2"
 PERIOD = 1e-3
 ARM = fh.paper_arm()
+VERSIONS = {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}
 STRICT = ("-std=c++17", "-O0", "-fPIC", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{HERE / 'stubs'}")
 
 
@@ -121,11 +122,6 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield f"{before}{name}", value
 
 
-def versioned(version: str) -> tuple[str, ...]:
-    """What is new in a version of ROS 2 is in the next one too."""
-    return {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}[version]
-
-
 def built(
     folder: Path, controller: fh.Controller, version: str = "HUMBLE", robot: fh.Robot | None = None
 ) -> tuple[ctypes.CDLL, Path]:
@@ -138,7 +134,7 @@ def built(
     for source in (HERE / "manager.cpp", *(package / "src").glob("*.c*")):
         objects.append(folder / f"{source.stem}.o")
         c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
-        words = c if source.suffix == ".c" else ("g++", *STRICT, *versioned(version), *own)
+        words = c if source.suffix == ".c" else ("g++", *STRICT, *VERSIONS[version], *own)
         subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
     subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
     return ctypes.CDLL(str(folder / "controller.so")), package
@@ -214,7 +210,7 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
     )
     robot = robot_of("planar-two-link") if kind == "workspace" else None
     package = export_c(made(), tmp_path / "c", "arm", real, robot=robot) / "ros2"
-    own = (f"-I{package / 'include'}", f"-I{package / 'src'}", *versioned(version))
+    own = (f"-I{package / 'include'}", f"-I{package / 'src'}", *VERSIONS[version])
     for source in (*(package / "src").glob("*.cpp"), HERE / "manager.cpp"):
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 

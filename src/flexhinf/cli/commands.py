@@ -185,12 +185,12 @@ app.add_typer(export, name="export")
 
 def without_ros(command: Sequence[str]) -> list[str]:
     """The words of a command, but for those of a node that ROS reads: from ``--ros-args`` to ``--``, or to the end."""
-    words = list(command)
-    while "--ros" in words and "--ros-args" in words:
-        first = words.index("--ros-args")
-        behind = words[first:]
-        words[first:] = behind[behind.index("--") + 1 :] if "--" in behind else []
-    return words
+    stated = list(command)
+    while "--ros" in stated and "--ros-args" in stated:
+        begin = stated.index("--ros-args")
+        behind = stated[begin:]
+        stated[begin:] = behind[behind.index("--") + 1 :] if "--" in behind else []
+    return stated
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

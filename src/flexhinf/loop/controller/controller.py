@@ -460,8 +460,7 @@ class Controller(Summarised):
         Raises
         ------
         NumericalFailure
-            If y is not finite and there is no estimator, the command, the estimate or the input would not be finite;
-            `WrongPeriod` where steps come at another period.
+            If a number is not finite; `WrongPeriod` where steps come at another period.
         InvalidInput
             If y or the command does not have the right size; y is None, and there is no estimator.
         ControllerInUse
