@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import Provocation, Recording
+from flexhinf.export.recording import Provocation, Recording, history_of
 from flexhinf.loop import Controller
 
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
@@ -133,7 +133,7 @@ def _with_memories(
         return fresh
 
     going = begun()
-    met = going._history.memory.copy()
+    met = history_of(going).memory.copy()
     other = [(memory, EACH) for memory in _memories(controller)]
     if exact:
         other += [(memory, 2) for memory in _singular_memories(controller)]
@@ -224,7 +224,9 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
             memory = np.array(first)
             memory[place] += side * WOUND_UP
             yield memory
-    belief = () if controller.estimator is None else controller.memory.named(np.array(first)).belief
+    belief: tuple[np.ndarray, ...] = ()
+    if controller.estimator is not None:
+        belief = controller.memory.named(np.array(first)).belief
     positions = np.array(["position" in name for name in controller.estimated], dtype=float)
     for turned in TURNED if len(belief) and np.shape(belief[0]) == positions.shape else ():
         memory = np.array(first)

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
-from flexhinf.export.recording import Recording
+from flexhinf.export.recording import Recording, history_of
 from flexhinf.loop.controller.options import holding_function
 
 
@@ -65,9 +65,9 @@ def flips(code: ControllerCode, run: Recording) -> list[int]:
     command = r if code.controller.commanded else None
     for measured in (y, y, None if code.predicts else y):
         one.step(measured, command)
-    memory, failed = one._history.memory.copy(), list[int]()
+    memory, failed = history_of(one).memory.copy(), list[int]()
     for place in range(0, memory.size, 1 + memory.size // MOST_FLIPS):
-        history = one._history
+        history = history_of(one)
         history.begin(memory)
         history.waiting = False
         history.memory[place] = -memory[place]

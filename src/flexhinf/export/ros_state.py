@@ -38,7 +38,7 @@ def health_names(code: ControllerCode) -> list[tuple[str, str, int]]:
 
 def state_groups(code: ControllerCode) -> dict[str, list[str]]:
     """Names of the published numbers by group, in the order of the message."""
-    joints = [] if code.robot is None else code.robot.joint_names
+    joints: Sequence[str] = () if code.robot is None else code.robot.joint_names
     followed = [f"{kind}_{joint}" for kind in ("position", "velocity") for joint in joints]
     health = [name for name, _, _ in health_names(code)]
     signals = {group: identifiers(code.signals[kind]) for group, kind in

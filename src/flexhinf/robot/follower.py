@@ -341,7 +341,7 @@ class Follower(StatedRepr):
         none = np.zeros(len(self.robot.joint_names), dtype=bool)
         points, tolerances = np.zeros((3, 0, len(none))), np.zeros((2, len(none)))
         self._goal, self._next, self._active = (
-            _Followed(np.zeros(0), points, 1, none, tolerances, tolerances, 0.0, 0.0),
+            _Followed(np.zeros(0), points, np.zeros(0, dtype=int), none, tolerances, tolerances, 0.0, 0.0),
             None,
             False,
         )
