@@ -224,9 +224,9 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
             memory = np.array(first)
             memory[place] += side * WOUND_UP
             yield memory
-    belief: tuple[np.ndarray, ...] = ()
+    belief = list[np.ndarray]()
     if controller.estimator is not None:
-        belief = controller.memory.named(np.array(first)).belief
+        belief += controller.memory.named(np.array(first)).belief
     positions = np.array(["position" in name for name in controller.estimated], dtype=float)
     for turned in TURNED if len(belief) and np.shape(belief[0]) == positions.shape else ():
         memory = np.array(first)
