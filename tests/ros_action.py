@@ -41,6 +41,29 @@ DEFINITIONS = {
         float64 velocity
         float64 acceleration
         """,
+        "msg/InterfaceValue.msg": """
+        string[] interface_names
+        float64[] values
+        """,
+        "msg/DynamicJointState.msg": """
+        std_msgs/Header header
+        string[] joint_names
+        InterfaceValue[] interface_values
+        """,
+        "msg/JointTrajectoryControllerState.msg": """
+        std_msgs/Header header
+        string[] joint_names
+        trajectory_msgs/JointTrajectoryPoint reference
+        trajectory_msgs/JointTrajectoryPoint feedback
+        trajectory_msgs/JointTrajectoryPoint error
+        trajectory_msgs/JointTrajectoryPoint output
+        string[] multi_dof_joint_names
+        trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_reference
+        trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback
+        trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
+        trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output
+        float64 speed_scaling_factor
+        """,
     },
     "std_srvs": {
         "srv/Trigger.srv": """
@@ -62,7 +85,8 @@ sys.exit(main())
 
 #: Packages of ROS 2 whose messages the action has, and what the generated code calls.
 MESSAGES = (
-    "trajectory_msgs", "std_msgs", "builtin_interfaces", "action_msgs", "unique_identifier_msgs", "service_msgs",
+    "trajectory_msgs", "geometry_msgs", "std_msgs", "builtin_interfaces", "action_msgs", "unique_identifier_msgs",
+    "service_msgs",
 )  # fmt: skip
 RUNTIME = (
     "rosidl_runtime_c", "rcutils", "fastcdr", "rmw", "rosidl_typesupport_c", "rosidl_typesupport_cpp",

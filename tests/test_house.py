@@ -127,6 +127,7 @@ def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path,
         ("robot/mujoco.py", "mujoco"),
         ("robot/mujoco.py", "mujoco.viewer"),
         ("export/ros_node.py", "control_msgs.action"),
+        ("export/ros_node.py", "control_msgs.msg"),
         ("export/ros_node.py", "std_srvs.srv"),
         ("validation.py", "package"),  # `extra_package`: its argument
     }

@@ -152,6 +152,24 @@ class NumericalFailure(FlexhinfError):
     """
 
 
+class WrongPeriod(NumericalFailure):
+    """Steps come at another period than the one that a controller is made for.
+
+    >>> import flexhinf as fh
+    >>> issubclass(WrongPeriod, fh.NumericalFailure)
+    True
+    """
+
+    def __init__(self, elapsed: float, period: float, slip: float) -> None:
+        super().__init__(
+            "The steps come at another period than the controller's.",
+            f"expected one each {period:g} s, got {elapsed:g} s since the one before, and a mean that is off by "
+            f"{100.0 * slip:.3g} %",
+            "hold the last input and brake the robot; then a loop that keeps the period, or elapsed=0 where it is not "
+            "known",
+        )
+
+
 class ControllerInUse(FlexhinfError):
     """A controller is stepped by two threads at once."""
 

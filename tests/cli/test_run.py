@@ -210,6 +210,20 @@ def test_a_node_needs_ros_and_no_options_of_a_move(
     assert not Path("run.csv").exists()
 
 
+def test_arguments_of_ros_are_those_of_a_node_alone(
+    design: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `ros2 run` and launch files give them: parameters, other names."""
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    words = ["--ros-args", "-p", "stop_ramp:=0.1", "-r", "__node:=arm"]
+    assert main(["run", design, "--ros", *words]) == 2
+    assert unnamed(capsys.readouterr().err, "ros-jazzy-rclpy") == []
+    assert main(["run", design, "--ros", *words, "--", "--log", "run.csv"]) == 2
+    assert unnamed(capsys.readouterr().err, "--log") == []
+    assert main(["run", design, *words]) == 2
+    assert unnamed(capsys.readouterr().err, "--ros-args") == []
+
+
 def test_a_node_needs_a_controller_of_a_workspace(
     design: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,6 +33,7 @@ pytestmark = [
 HERE = Path(__file__).parent / "ros2"
 PERIOD = 1e-3
 ARM = fh.paper_arm()
+VERSIONS = {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}
 STRICT = ("-std=c++17", "-O0", "-fPIC", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{HERE / 'stubs'}")
 
 
@@ -58,7 +59,8 @@ class Manager:
 
     def __post_init__(self) -> None:
         for name, kind in (("create", ctypes.c_void_p), ("values", ctypes.POINTER(ctypes.c_double)),
-                           ("interface_name", ctypes.c_char_p), ("plugin_class", ctypes.c_char_p),
+                           ("interface_name", ctypes.c_char_p), ("reference_name", ctypes.c_char_p),
+                           ("exported_state", ctypes.c_double), ("plugin_class", ctypes.c_char_p),
                            ("plugin_base", ctypes.c_char_p), ("published", ctypes.c_double)):  # fmt: skip
             getattr(self.library, name).restype = kind
         self.address = self.library.create()
@@ -132,7 +134,7 @@ def built(
     for source in (HERE / "manager.cpp", *(package / "src").glob("*.c*")):
         objects.append(folder / f"{source.stem}.o")
         c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
-        words = c if source.suffix == ".c" else ("g++", *STRICT, f"-D{version}", *own)
+        words = c if source.suffix == ".c" else ("g++", *STRICT, *VERSIONS[version], *own)
         subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
     subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
     return ctypes.CDLL(str(folder / "controller.so")), package
@@ -197,6 +199,7 @@ def assert_near(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) ->
         ("HUMBLE", "g++", "double", "no estimator"), ("JAZZY", "clang++", "float", "no estimator"),
         ("JAZZY", "g++", "double", "estimator"), ("HUMBLE", "clang++", "float", "estimator"),
         ("HUMBLE", "clang++", "double", "workspace"), ("JAZZY", "g++", "float", "workspace"),
+        ("ROLLING", "clang++", "double", "workspace"), ("ROLLING", "g++", "double", "no estimator"),
     ],
 )  # fmt: skip
 def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tmp_path: Path) -> None:
@@ -207,7 +210,7 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
     )
     robot = robot_of("planar-two-link") if kind == "workspace" else None
     package = export_c(made(), tmp_path / "c", "arm", real, robot=robot) / "ros2"
-    own = (f"-I{package / 'include'}", f"-I{package / 'src'}", f"-D{version}")
+    own = (f"-I{package / 'include'}", f"-I{package / 'src'}", *VERSIONS[version])
     for source in (*(package / "src").glob("*.cpp"), HERE / "manager.cpp"):
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 

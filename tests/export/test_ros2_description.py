@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from tests.export.test_rest import elastic_controller
 
 import flexhinf as fh
+from flexhinf.cli.commands import without_ros
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.rendering import FILTERS, render_c
 from flexhinf.export.ros2 import ros2_values
@@ -31,6 +33,7 @@ FILES = {
     "urdf": "robot.xml",
     "control": "ros2_control.xml",
     "launch": "launch.jinja",
+    "mujoco": "mujoco.jinja",
     "package": "package.xml",
 }
 
@@ -225,7 +228,8 @@ class Recorded:
 #: What the launch file has of ROS 2; the names are the same from Humble to Rolling.
 LAUNCH = {
     "launch": ("LaunchDescription",),
-    "launch.actions": ("DeclareLaunchArgument",),
+    "launch.actions": ("DeclareLaunchArgument", "EmitEvent", "ExecuteProcess"),
+    "launch.events": ("Shutdown",),
     "launch.conditions": ("IfCondition", "UnlessCondition"),
     "launch.substitutions": ("Command", "LaunchConfiguration", "PathJoinSubstitution"),
     "launch_ros": (),
@@ -237,16 +241,39 @@ LAUNCH = {
 
 @pytest.fixture
 def launched(wild: tuple[fh.Robot, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> list[Recorded]:
-    """Actions of the launch file, by kind of stub."""
+    return launched_by(wild[1]["launch"], monkeypatch)
+
+
+def launched_by(text: str, monkeypatch: pytest.MonkeyPatch) -> list[Recorded]:
+    """Actions of a launch file, by kind of stub."""
     for name, kinds in LAUNCH.items():
         module = ModuleType(name)
         for kind in kinds:
             setattr(module, kind, type(kind, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, name, module)
     scope: dict[str, Any] = {}
-    exec(compile(wild[1]["launch"], "arm_controller.launch.py", "exec"), scope)
+    exec(compile(text, "arm_controller.launch.py", "exec"), scope)
     make: Callable[[], Recorded] = scope["generate_launch_description"]
     return list(make().words[0])
+
+
+def test_mujoco_is_started_as_a_node_with_the_names_of_the_plugin(
+    wild: tuple[fh.Robot, dict[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command is one that the command line takes; ROS 2 alone is missing here."""
+    actions = launched_by(wild[1]["mujoco"], monkeypatch)
+    (process,) = (action for action in actions if kind_of(action) == "ExecuteProcess")
+    stated = {"design": "a folder", "arguments": "--view"}
+    command = "".join(
+        stated[word.words[0]] if isinstance(word, Recorded) else word for word in process.named["cmd"]
+    )
+    words = shlex.split(command)
+    assert words == [
+        "flexhinf", "run", "a folder", "--view", "--ros", "--ros-args", "-r", f"__node:={PACKAGE}"
+    ]  # fmt: skip
+    assert without_ros(words) == words[:5]
+    declared = {action.words[0] for action in actions if kind_of(action) == "DeclareLaunchArgument"}
+    assert declared == stated.keys()
 
 
 def kind_of(action: Recorded) -> str:

@@ -67,15 +67,11 @@ class Session:
         self.manager("trajectory", ctypes.c_double(begins), ctypes.c_double(goal_time))
         for name in joints:
             self.manager("joint", name.encode())
-        stacked = (
-            np.stack([np.reshape(part, (len(times), len(joints))) for part in rows], axis=1)
-            if len(times)
-            else []
-        )
-        for time, numbers in zip(times, stacked, strict=True):
+        for time, *stated in zip(times, *rows, strict=True):
+            numbers = [np.reshape(part, len(joints)) for part in stated if part is not None]
             flat = np.ascontiguousarray(numbers, dtype=float)
             place = flat.ctypes.data_as(ctypes.c_void_p)
-            self.manager("point", ctypes.c_double(time), len(rows), len(joints), place)
+            self.manager("point", ctypes.c_double(time), len(numbers), len(joints), place)
         for is_goal, stated in enumerate((path, at_goal)):
             for name, *numbers in stated:
                 self.manager("tolerance", is_goal, name.encode(), *map(ctypes.c_double, numbers))
@@ -146,6 +142,18 @@ def polynomials(make: Make) -> Any:
     shares = [0.75, 0.75 + 0.5 / 8, 0.75 + 0.5 * 5 / 32]
     for middle, share in zip(middles, shares, strict=True):
         np.testing.assert_allclose(middle, START + share * way, atol=5e-4)
+    return found
+
+
+def mixed(make: Make) -> Any:
+    """Velocities at the first waypoint alone: cubic, and then linear."""
+    way = np.subtract(GOAL, START)
+    one = make()
+    one.goal([0.5, 1.0], MOVE[1], [way, None])
+    found = one.finished()
+    one.is_smooth()
+    for at, share in ((250, 0.1875), (750, 0.75)):  # s = ½ of each: ¼ · 1 − ⅛ · ½, and the middle
+        np.testing.assert_allclose(one.desired[at + 60 + 1][:2], START + share * way, atol=5e-4)
     return found
 
 
@@ -365,7 +373,8 @@ def by_topic(make: Make) -> Any:
 
 
 RUNS: dict[str, Callable[[Make], Any]] = {
-    "shuffled names": shuffled, "linear, cubic, quintic": polynomials, "empty goal": refused([]),
+    "shuffled names": shuffled, "linear, cubic, quintic": polynomials,
+    "waypoints of mixed kinds": mixed, "empty goal": refused([]),
     "unknown joint": refused(*MOVE, joints=("shoulder", "wrist")),
     "joint left out": refused([1.0], [[0.1]], joints=("elbow",)),
     "joint left out, `allow_partial_joints_goal`": partial,

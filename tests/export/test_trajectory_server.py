@@ -66,7 +66,7 @@ class ServedArm:
         self, times: Any, *rows: Any, joints: Sequence[str] = JOINTS, begins: float = math.nan, goal_time: float = 0.0,
         path: Sequence[tuple[str, float, float]] = (), at_goal: Sequence[tuple[str, float, float]] = (),
     ) -> None:  # fmt: skip
-        stacked = [np.reshape(part, (len(times), len(joints))) for part in rows]
+        stacked = [[None if row is None else np.reshape(row, len(joints)) for row in part] for part in rows]
         tolerances = ({name: pair for name, *pair in several} for several in (path, at_goal))
         self.prepared = FollowGoal(
             list(joints), list(times), *(stacked or [np.zeros((0, len(joints)))]),

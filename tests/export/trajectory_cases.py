@@ -21,6 +21,7 @@ CASES = tuple(
     for line in """
     shuffled names | joints in any order | the same | succeeded, 0
     linear, cubic, quintic | by what two waypoints state | the same, then smoothed | succeeded, 0
+    waypoints of mixed kinds | by what both ends of a segment state | the same | succeeded, 0
     empty goal | rejected | the same | rejected
     unknown joint | rejected | the same | rejected
     joint left out | rejected by default | the same | rejected

@@ -183,6 +183,16 @@ app.add_typer(campaign, name="campaign")
 app.add_typer(export, name="export")
 
 
+def without_ros(command: Sequence[str]) -> list[str]:
+    """The words of a command, but for those of a node that ROS reads: from ``--ros-args`` to ``--``, or to the end."""
+    stated = list(command)
+    while "--ros" in stated and "--ros-args" in stated:
+        begin = stated.index("--ros-args")
+        behind = stated[begin:]
+        stated[begin:] = behind[behind.index("--") + 1 :] if "--" in behind else []
+    return stated
+
+
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command as `flexhinf.cli.main` does, without its handling of signals other than Ctrl-C."""
     command = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
@@ -195,7 +205,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
                         f"got {value_text(word)}",
                         "names and folders in UTF-8",
                     )
-            code = app(args=command, prog_name="flexhinf", standalone_mode=False)
+            code = app(args=without_ros(command), prog_name="flexhinf", standalone_mode=False)
             if code == INTERRUPTED:  # the option parser has caught Ctrl-C
                 return interrupted(written())
             return code if isinstance(code, int) else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
+from operator import mul
 
 import numpy as np
 
@@ -67,7 +68,7 @@ def covariance_scales(covariance: Elements, slope: Elements, noise: Elements, me
 
 def pivots_kept(root: Elements, covariance: Elements, *before: Elements) -> Elements:
     """0 (1,) where a pivot of a covariance (n, n) was zero to rounding, and taken for zero in its Cholesky factor, else
-    1; at most what it was `before` (1,)."""
+    1; times what it was `before` (1,), from 0 to 1."""
     pairs = zip(np.diagonal(root), np.diagonal(covariance), strict=True)
     kept = [where(pivot > 0.0, 1.0, where(variance > 0.0, 0.0, 1.0)) for pivot, variance in pairs]
-    return np.array([reduce(minimum, kept, *(one[0] for one in before))])
+    return np.array([reduce(mul, kept, *(one[0] for one in before))])

@@ -124,7 +124,7 @@ class CompiledFollower:
         if not joints or stated - {*own} or len({*joints}) < len(joints):
             return FollowCode.INVALID_JOINTS, points
         places = [own.index(joint) for joint in joints]
-        points["time"], points["order"] = goal.times, goal.order
+        points["time"], points["order"] = goal.times, goal.orders
         kinds = ("position", "velocity", "acceleration")
         for name in kinds:
             points[name] = np.nan  # of joints that are left out, and of what is not stated: not read

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from flexhinf.arrays import Vector
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.follow import follow_values, follower_of
+from flexhinf.export.rehearsal import FAR, LARGEST
 from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.follower import PASSED, FollowCode, Follower, FollowMotion
 
@@ -284,6 +286,8 @@ def follow_test_values(code: ControllerCode) -> dict[str, Any]:
         "steps": len(samples),
         "says": [(k, *pair) for k, pair in enumerate(says) if k == 0 or pair != says[k - 1]],
         "close": CLOSE[code.real.name],
+        "far": Markup(FAR[code.real.name]),
+        "largest": Markup(LARGEST[code.real.name]),
     }
 
 
@@ -366,5 +370,5 @@ def _tables(
                 "time": goal.goal_time,
             }
         )
-        points += [(time, *numbers[:, k], goal.order) for k, time in enumerate(times)]
+        points += [(time, *numbers[:, k], goal.orders[k]) for k, time in enumerate(times)]
     return points, rows

@@ -116,6 +116,7 @@ FILES: tuple[File[Export], ...] = (
     File("ros2/config/@{package}.yaml", "ros2/controller.yaml", _ros2),
     File("ros2/config/moveit_controllers.yaml", "ros2/moveit_controllers.yaml", _ros2, _follows),
     File("ros2/launch/@{package}.launch.py", "ros2/launch.jinja", _ros2),
+    File("ros2/launch/@{package}_mujoco.launch.py", "ros2/mujoco.jinja", _ros2, _follows),
     File("ros2/urdf/@{package}.urdf.xacro", "ros2/robot.xml", _ros2),
     File("ros2/urdf/@{package}.ros2_control.xacro", "ros2/ros2_control.xml", _ros2),
     File("ros2/include/@{package}/controller.hpp", "ros2/controller.hpp", _ros2),

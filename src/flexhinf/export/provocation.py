@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import Provocation, Recording
+from flexhinf.export.recording import Provocation, Recording, history_of
 from flexhinf.loop import Controller
 
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
@@ -43,6 +43,25 @@ MOVED_PARTS = (
 )
 
 NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
+
+#: What a design may leave unwatched, by an infinite number, and the number in its place, rad or m.
+UNWATCHED_PARTS, WATCHED_FROM = ("swings_smallest", "following"), 0.02
+
+#: Integrals that push an input beyond any wind-up, in their unit.
+WOUND_UP = 1e4
+
+#: Numbers of a memory up to which each is changed alone, with one row each; of a larger one some behind the estimator's
+#: own; of one that is larger still none.
+MOST_CHANGED, MOST_PLACES, LARGEST = 64, 40, 400
+
+#: Parts of a memory that count.
+COUNTS = ("doubt", "rejected", "seen")
+
+#: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
+TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
+
+#: Pivots of a covariance, relative to its diagonal: below rounding, which counts as zero, and just above it.
+PIVOTS, MOST_PIVOTS = (-6e-14, 3e-14, 5e-14), 4
 
 #: How far the start is from where the estimator begins, in the unit of each state, and commands from measurements.
 ELSEWHERE, AWAY = 0.02, 0.2
@@ -97,13 +116,15 @@ def provocations(code: ControllerCode, first: np.ndarray) -> Iterator[Provocatio
         with suppress(NumericalFailure):
             numbers = held(_saturated(code.controller, numbers, one.answered(code.controller).u, lasting))
             pushed = held(_pushed(code.controller, numbers))
-            yield _with_memories(replace(one, numbers=numbers, input=pushed), code.controller, held)
+            exact = code.real.bytes == 8
+            yield _with_memories(replace(one, numbers=numbers, input=pushed), code.controller, held, exact)
 
 
 def _with_memories(
-    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray]
+    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray], exact: bool
 ) -> Provocation:
-    """With rows in which the controller goes on from other memories, of those that end in finite numbers."""
+    """With rows in which the controller goes on from other memories, of those that end in finite numbers; `exact`:
+    whether rounding of the C is that of Python."""
 
     def begun() -> Controller:
         """A controller that has had all rows so far."""
@@ -111,14 +132,23 @@ def _with_memories(
         one.feed_to(fresh)
         return fresh
 
-    rows, going = slice(0, EACH), begun()
-    for memory in map(held, _memories(controller)):
+    going = begun()
+    met = history_of(going).memory.copy()
+    other = [(memory, EACH) for memory in _memories(controller)]
+    if exact:
+        other += [(memory, 2) for memory in _singular_memories(controller)]
+        other += [(memory, 1) for memory in _changed_memories(controller, met)]
+    for memory, count in other:
+        memory, rows = held(memory), slice(0, count)
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
-        if controller.gaps and y.shape[1] > 1:
+        if controller.gaps and y.shape[1] > 1 and count == EACH:
             y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
-        without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2),) if controller.gaps else ()))
-        repeats = [*one.repeats, *[1] * EACH]
+        without = (
+            *one.unmeasured,
+            *((len(one.y) + (len(memories) % 2),) if controller.gaps and count == EACH else ()),
+        )
+        repeats = [*one.repeats, *[1] * count]
         longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
         try:
             longer.feed_to(going, len(one.y))
@@ -157,6 +187,71 @@ def _memories(controller: Controller) -> Iterator[np.ndarray]:
             yield memory
 
 
+def _changed_memories(controller: Controller, memory: np.ndarray) -> Iterator[np.ndarray]:
+    """A small memory with one number after the other changed: none, its opposite, a little more, and much more; but for
+    counts, of which C tells none that cannot be."""
+    belief = controller.memory.places["belief"].stop if "belief" in controller.memory.places else 0
+    is_small = memory.size <= MOST_CHANGED
+    counts = {place for name in COUNTS for place in _places(controller, name)}
+    places = sorted(set(range(0 if is_small else belief, memory.size)) - counts)
+    for place in (
+        places[:: 1 if is_small else max(1, len(places) // MOST_PLACES)] if memory.size <= LARGEST else ()
+    ):
+        number = memory[place]
+        others = (0.0, -number, number + OF_ZERO, 10.0 * number + 1.0)
+        for other in others if is_small else others[2:]:
+            if other != number:
+                changed = np.array(memory)
+                changed[place] = other
+                yield changed
+
+
+def _places(controller: Controller, name: str) -> list[int]:
+    """Of a part of the memory, or of what the estimator keeps."""
+    every, estimator = np.arange(controller.initial_memory().size), controller.estimator
+    if estimator is not None and name in estimator.initial._fields:
+        return controller.memory.named(every).belief[estimator.initial._fields.index(name)].ravel().tolist()
+    return every[controller.memory.places.get(name, slice(0))].tolist()
+
+
+def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
+    """Memories whose integrals are wound up, those that turn the arm, and of a small memory those in which one pivot of
+    a covariance is zero to rounding, which the tolerance of its factor decides."""
+    first = controller.initial_memory()
+    place = controller.memory.places.get("integral")
+    if place is not None and place.stop > place.start:
+        for side in (-1.0, 1.0):
+            memory = np.array(first)
+            memory[place] += side * WOUND_UP
+            yield memory
+    belief = list[np.ndarray]()
+    if controller.estimator is not None:
+        belief += controller.memory.named(np.array(first)).belief
+    positions = np.array(["position" in name for name in controller.estimated], dtype=float)
+    for turned in TURNED if len(belief) and np.shape(belief[0]) == positions.shape else ():
+        memory = np.array(first)
+        controller.memory.named(memory).belief[0][:] += turned * positions
+        yield memory
+    rng = np.random.default_rng(SEED)
+    for number, part in enumerate(belief if first.size <= LARGE else ()):
+        if (
+            part.ndim != 2
+            or part.shape[0] != part.shape[1]
+            or not np.array_equal(part, part.T)
+            or not part.any()
+        ):
+            continue
+        n, scale = len(part), np.sqrt(np.diag(part))
+        for k in np.unique(np.linspace(1, n - 1, MOST_PIVOTS).astype(int)) if n > 1 else ():
+            for pivot in PIVOTS:
+                root = scale[:, None] * np.tril(rng.uniform(0.2, 1.0, (n, n)))
+                covariance = root @ root.T
+                covariance[k, k] = (root[k, :k] @ root[k, :k]) * (1.0 + pivot)
+                memory = np.array(first)
+                controller.memory.named(memory).belief[number][:] = covariance
+                yield memory
+
+
 def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> np.ndarray:
     """The numbers of the step, moved; limits of inputs, the box and rates are narrower."""
     moved, places = np.array(numbers, dtype=float), controller.data.places
@@ -164,12 +259,18 @@ def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> 
         if name in places:
             part = moved[places[name]]
             by = part * (1.0 + MOVED * np.cos(1.0 + np.arange(part.size)))
-            moved[places[name]] = np.where((part == 0.0) & (zeros and name == "parameters"), OF_ZERO, by)
+            moved[places[name]] = np.where(
+                (part == 0.0) & (zeros and name in ("parameters", "law")), OF_ZERO, by
+            )
+    for name in UNWATCHED_PARTS:
+        if name in places:
+            part = moved[places[name]]
+            moved[places[name]] = np.where(np.isposinf(part), WATCHED_FROM, part)
     for name in NARROWED_PARTS:
         if name in places:
             moved[places[name]] *= NARROWER  # infinite ones stay
     if "rcond_limit" in places:
-        moved[places["rcond_limit"]] = 2.0  # no correction is as well conditioned
+        moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
 
 

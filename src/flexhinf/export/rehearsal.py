@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
+from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
-from flexhinf.export.recording import Recording
+from flexhinf.export.recording import Recording, history_of
 from flexhinf.loop.controller.options import holding_function
 
 
@@ -39,6 +41,9 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
     return {
         "far": far_values(code),
+        "flips": flips(code, run) if code.real.bytes == 8 else [],
+        "most_flips": MOST_FLIPS,
+        "largest": Markup(LARGEST[code.real.name]),
         "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
         "starts": starts_elsewhere(code),
         "tries": tries(code),
@@ -48,6 +53,30 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
         "first_r": run.r[0],
         "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,
     }
+
+
+#: How many numbers of a memory get the other sign, one after the other.
+MOST_FLIPS = 64
+
+
+def flips(code: ControllerCode, run: Recording) -> list[int]:
+    """Whether a step fails (1 or 0) after one number of the memory got the other sign, three samples from the start."""
+    one, y, r = code.controller.fresh(), run.y[0], run.r[0][: code.sizes["r"]]
+    command = r if code.controller.commanded else None
+    for measured in (y, y, None if code.predicts else y):
+        one.step(measured, command)
+    memory, failed = history_of(one).memory.copy(), list[int]()
+    for place in range(0, memory.size, 1 + memory.size // MOST_FLIPS):
+        history = history_of(one)
+        history.begin(memory)
+        history.waiting = False
+        history.memory[place] = -memory[place]
+        try:
+            one.step(y, command)
+            failed.append(0)
+        except NumericalFailure:
+            failed.append(1)
+    return failed
 
 
 def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -88,11 +117,20 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
+            values += _beyond_ends(rows[place]) if place in rows else []
         for value in (float(kind(value)) for value in values):
             found.append(
                 (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
             )
     return found
+
+
+def _beyond_ends(row: Range) -> list[float]:
+    """Numbers on either side of each end of a range, which are not equal to it in float either."""
+    ends = [
+        end for end in {row.least, row.most, row.low, row.high} if math.isfinite(end) and abs(end) > 1e-30
+    ]
+    return sorted(end + side * CHANGE * abs(end) for end in ends for side in (-1.0, 1.0))
 
 
 def _some(places: Sequence[int], most: int) -> list[int]:

@@ -12,8 +12,9 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.names import distinct_names
+from flexhinf.export.follow import follower_of
 from flexhinf.export.ros2_description import description_values, initial_values
+from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import joint_places
@@ -35,9 +36,6 @@ INTERFACES = {
     "position_command": "position",
 }
 
-#: Numbers of the published health before the bits of the status.
-HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands")
-
 
 def package_name(code: ControllerCode) -> str:
     """Name of the package: ROS 2 wants small letters."""
@@ -51,7 +49,7 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, object]:
 
     Raises InvalidInput: if two measurements, or two inputs, would have one interface.
     """
-    names = {kind: _identifiers(signals) for kind, signals in code.signals.items()}
+    names = {kind: identifiers(signals) for kind, signals in code.signals.items()}
     limits = code.controller.limits
     measurements, inputs = (
         [
@@ -76,36 +74,39 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, object]:
         "states": names["X"],
         "joint_names": [] if code.robot is None else list(code.robot.joint_names),
         **description_values(code, rests, described),
-        "health": _health(code, names["Y"]),
+        "health": _health(code),
+        "references": _references(code),
         **_start_values(code, _StandstillModel.of(code), home),
     }
 
 
-def _health(code: ControllerCode, measured: Sequence[str]) -> list[dict[str, str]]:
+def _references(code: ControllerCode) -> list[str]:
+    """Interfaces that another controller may command: positions and velocities of the joints along a trajectory, or
+    each number of the command."""
+    if follower_of(code) is not None and code.robot is not None:
+        return [f"{joint}/{kind}" for kind in ("position", "velocity") for joint in code.robot.joint_names]
+    names = code.controller.commanded
+    usual = _usual_interfaces(code, names)
+    return [one if usual.count(one) == 1 else f"{name}/value" for name, one in zip(names, usual, strict=True)]
+
+
+def _health(code: ControllerCode) -> list[dict[str, str]]:
     """Names of the published numbers, and in C++ the values of those behind `HEALTH`."""
-    rows = [(name, "") for name in HEALTH]
-    for bit in Status:
-        value = f"static_cast<double>((output_.status & {code.upper(str(bit.name))}) != 0)"
-        rows.append((str(bit.name).lower(), value))
-    counts = ["unseen"] + ["doubtful"] * (code.doubt is not None) + ["rejected"] * (code.rejected is not None)
-    for count in counts:
-        if count == "doubtful":
-            rows.append((count, "static_cast<double>(output_.doubtful)"))
-            continue
-        for k, name in enumerate(measured):
-            rows.append((f"{count}.{name}", f"static_cast<double>(output_.{count}[{k}])"))
-    return [{"name": name, "value": Markup(value)} for name, value in rows]
+    bits = {int(bit): code.upper(str(bit.name)) for bit in Status}
+
+    def value(kind: str, place: int) -> str:
+        if kind == "status_bit":
+            return f"static_cast<double>((output_.status & {bits[place]}) != 0)"
+        if kind == "doubtful":
+            return "static_cast<double>(output_.doubtful)"
+        return "" if kind in HEALTH else f"static_cast<double>(output_.{kind}[{place}])"
+
+    return [{"name": name, "value": Markup(value(kind, place))} for name, kind, place in health_names(code)]
 
 
-def _identifiers(signals: Sequence[str]) -> list[str]:
-    """Names of signals for parameters, each once."""
-    return distinct_names([re.sub(r"[^A-Za-z0-9_]+", "_", name) for name in signals])
-
-
-def _interfaces(code: ControllerCode, kind: str) -> list[str]:
+def _usual_interfaces(code: ControllerCode, signals: Sequence[str]) -> list[str]:
     """Usual interfaces of signals, with the names of the joints as the robot has them: ``elbow/position`` of
     link_position_elbow. The only joint of no known robot is called joint."""
-    signals = code.signals[kind]
     joints: Sequence[str] = () if code.robot is None else code.robot.joint_names
     known = {
         per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints
@@ -117,6 +118,13 @@ def _interfaces(code: ControllerCode, kind: str) -> list[str]:
         found.append(
             known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}")
         )
+    return found
+
+
+def _interfaces(code: ControllerCode, kind: str) -> list[str]:
+    """Those of measurements or inputs, each of which must have one of its own."""
+    signals = code.signals[kind]
+    found = _usual_interfaces(code, signals)
     for k, interface in enumerate(found):
         refuse_if(
             interface in found[:k],

@@ -1,8 +1,9 @@
 """A ROS 2 node that carries messages between a `TrajectoryServer` and those who send it trajectories.
 
 It publishes `sensor_msgs/JointState` on ``joint_states`` and takes `trajectory_msgs/JointTrajectory` on
-``~/joint_trajectory``; where control_msgs is installed, also goals of `FollowJointTrajectory` as
-``~/follow_joint_trajectory``. A topic may scale its speed. Names and answers are those of the plugin for ros2_control.
+``~/joint_trajectory``. Where control_msgs is installed, it takes goals of `FollowJointTrajectory` as
+``~/follow_joint_trajectory``, and publishes `DynamicJointState` on ``~/state`` and `JointTrajectoryControllerState` on
+``~/controller_state``. A topic may scale its speed. Names and answers are those of the plugin for ros2_control.
 """
 
 # Not checked strictly: rclpy and its messages have no types that are known here.
@@ -25,6 +26,7 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.names import identifier_of
 from flexhinf.export.realtime import stopping, undisturbed, wait_until
 from flexhinf.export.ros_parameters import AT_START, check_at_start, goal_options, goal_parameters
+from flexhinf.export.ros_state import state_groups, state_values
 from flexhinf.export.trajectory_server import LONGEST_UNSEEN, GoalEnd, RobotIO, TrajectoryServer
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
@@ -50,8 +52,14 @@ INSTALL = (
 #: What a node does without where it is not installed.
 OPTIONAL: dict[str, Callable[[], Any]] = {
     "action": lambda: import_module("control_msgs.action").FollowJointTrajectory,
+    "state": lambda: import_module("control_msgs.msg").DynamicJointState,
+    "controller_state": lambda: import_module("control_msgs.msg").JointTrajectoryControllerState,
+    "interfaces": lambda: import_module("control_msgs.msg").InterfaceValue,
     "trigger": lambda: import_module("std_srvs.srv").Trigger,
 }
+
+#: Of these, the types of what is published, by topic.
+REPORTS = ("state", "controller_state")
 
 
 def ros_packages() -> dict[str, Any]:
@@ -82,8 +90,8 @@ def goal_of(
 ) -> FollowGoal:
     """The goal of a `JointTrajectory` with tolerances of path and goal; `now`: ns, of the clock of its stamp.
 
-    Raises InvalidInput: for rows that do not fit the joints, waypoints of different kinds, efforts, and tolerances of
-    accelerations, which are not measured.
+    Raises InvalidInput: for rows that do not fit the joints, efforts, and tolerances of accelerations, which are not
+    measured.
     """
     points, stamp = list(trajectory.points), nanoseconds(trajectory.header.stamp)
     if any(len(point.effort) for point in points):
@@ -101,13 +109,6 @@ def goal_of(
         name: [list(getattr(point, name)) for point in points]
         for name in ("positions", "velocities", "accelerations")
     }
-    for name, several in rows.items():
-        if len({len(row) for row in several}) > 1:
-            raise InvalidInput(
-                f"Waypoints differ in what they state of {name}.",
-                f"expected as many numbers in each, got {[len(row) for row in several][:10]}",
-                f"{name} in every waypoint, or in none",
-            )
     velocities, accelerations = (
         rows[name] if any(rows[name]) else None for name in ("velocities", "accelerations")
     )
@@ -200,8 +201,12 @@ class RosNode:
         self._pending_restart: _Restart | None = None
         if self._trigger is not None:
             self.node.create_service(self._trigger, "~/restart", self._restart)
-        self._logged = ""
+        self._logged, self._groups = "", state_groups(server.code)
+        self._passes = 0
         self._every = max(1, round(PUBLISHED / server.period))
+        self._reports = {
+            name: self.node.create_publisher(ros[name], f"~/{name}", DEPTH) for name in REPORTS if ros[name]
+        }
         self._action, self._lock = action or ros["action"], threading.Lock()
         self._goals: list[_Followed] = []
         self._open: dict[bytes, _Followed] = {}
@@ -330,7 +335,8 @@ class RosNode:
             self._logged = self.server.stopped
             if self._logged:
                 self.node.get_logger().error(f"the robot is stopped: {self._logged}")
-        if self.server.samples % self._every == 0:
+        self._passes += 1  # also those of a robot that is stopped
+        if self._passes % self._every == 0:
             self._publish()
 
     def _answer(self, decide: Callable[[], str]) -> None:
@@ -356,19 +362,36 @@ class RosNode:
         message.header.stamp, message.name = stamp, list(self.server.robot.joint_names)
         message.position, message.velocity = motion.actual.tolist(), motion.actual_velocity.tolist()
         self._states.publish(message)
+        self._report(stamp, message.name)
         for goal in tuple(self._goals):
             if not goal.handle.is_active:
                 continue
             feedback = self._action.Feedback()
             feedback.header.stamp, feedback.joint_names = stamp, message.name
-            desired, speeds = motion.desired, motion.desired_velocity
-            for place, numbers in (
-                (feedback.desired, (desired, speeds)),
-                (feedback.actual, (motion.actual, motion.actual_velocity)),
-                (feedback.error, (desired - motion.actual, speeds - motion.actual_velocity)),
-            ):
-                place.positions, place.velocities = (row.tolist() for row in numbers)
+            self._fill(feedback.desired, feedback.actual, feedback.error)
             goal.handle.publish_feedback(feedback)
+
+    def _fill(self, *points: Any) -> None:
+        """Where the links are to be, where they are, and the difference."""
+        for place, numbers in zip(points, self.server.motion.pairs, strict=True):
+            place.positions, place.velocities = (row.tolist() for row in numbers)
+
+    def _report(self, stamp: Any, joints: list[str]) -> None:
+        """What the plugin publishes too."""
+        if publisher := self._reports.get("state"):
+            whole = self._ros["state"](joint_names=list(self._groups))
+            whole.header.stamp = stamp
+            whole.interface_values = [
+                self._ros["interfaces"](interface_names=names, values=values.tolist())
+                for names, values in zip(self._groups.values(), state_values(self.server), strict=True)
+            ]
+            publisher.publish(whole)
+        if publisher := self._reports.get("controller_state"):
+            of_motion = self._ros["controller_state"](joint_names=joints)
+            of_motion.header.stamp = stamp
+            self._fill(of_motion.reference, of_motion.feedback, of_motion.error)
+            of_motion.output.effort = self.server.input.tolist()
+            publisher.publish(of_motion)
 
     # Threads of the executor ---------------------------------------------------------------------------
     def _receive(self, message: Any) -> None:

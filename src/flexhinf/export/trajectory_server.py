@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from flexhinf.arrays import Numbers, Vector
-from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
@@ -82,6 +82,12 @@ class ArmMotion(NamedTuple):
     actual: Vector
     actual_velocity: Vector
 
+    @property
+    def pairs(self) -> tuple[tuple[Vector, Vector], ...]:
+        """Positions and velocities: desired, actual, and their difference."""
+        desired, actual = self[:2], self[2:]
+        return desired, actual, (desired[0] - actual[0], desired[1] - actual[1])
+
 
 class TrajectoryServer:
     """A controller for a workspace and its robot, which follow the goals that come.
@@ -113,6 +119,12 @@ class TrajectoryServer:
         Whether the inputs of a robot that was stopped have fallen to 0.
     stop_ramp : float
         Time in which they do so, s; 0: at once. It may be set, as `speed` may.
+    stepped : Controller or CompiledController
+        What steps. `step_code` is how the last step ended, as the C says it.
+    input, measurement, unseen : (m,), (p,), (p,)
+        Of the last sample, and for how many samples each sensor has been silent.
+    late_samples : int
+        Samples whose period was longer than one and a half.
     speed : float
         Fraction of its speed with which a trajectory is followed, 0 to 1; what is no number stops it. It may be set
         from any thread.
@@ -137,7 +149,8 @@ class TrajectoryServer:
             check_library(library, controller)
         self._fresh: Callable[[], Any] = controller.fresh if library is None else lambda: copy.copy(library)
         self._is_compiled = library is not None
-        self._follower: CompiledFollower = compile_follower(code_of(controller, "arm", "double", robot))
+        self.code = code_of(controller, "arm", "double", robot)
+        self._follower: CompiledFollower = compile_follower(self.code)
         self._lock = threading.RLock()
         self._numbers, self.samples, self.speed, self.stop_ramp = 0, 0, 1.0, 0.0
         self._ends: deque[GoalEnd] = deque()
@@ -148,10 +161,15 @@ class TrajectoryServer:
         """At rest at link positions, without a goal."""
         self._open, self._in_use, self._pending = 0, 0, 0
         self._follower.reset(q)
-        self._stepped = self._fresh()
+        self.stepped = self._fresh()
         state, u = self.robot.operating_point(q)
-        self._stepped.reset(state=state, input=u)
-        self._u, self._unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
+        self.stepped.reset(state=state, input=u)
+        self.input, self.unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
+        self.measurement, self.step_code, self.late_samples = (
+            np.full(len(self.measured), np.nan),
+            "WAITING",
+            0,
+        )
         none = np.zeros(len(self.robot.joint_names))
         self.motion, self.stopped = ArmMotion(q, none, q, none), ""
         self._stopped_for, self.is_released = 0.0, False
@@ -228,6 +246,7 @@ class TrajectoryServer:
         Nothing is computed after a fault, which `stopped` names: the inputs fall to 0 in `stop_ramp`, those of drives
         that take positions stay.
         """
+        self.late_samples += elapsed > 1.5 * self.period
         y = None if self.stopped else self._measurement()
         with self._lock:
             if not self.stopped:
@@ -237,7 +256,7 @@ class TrajectoryServer:
             left = max(0.0, 1.0 - self._stopped_for / self.stop_ramp) if self.stop_ramp else 0.0
             self._let_go(0.0 if left < ROUNDING else left)
         else:
-            self.hardware.write(self._u)
+            self.hardware.write(self.input)
             self.samples += 1
 
     def release(self) -> None:
@@ -247,7 +266,7 @@ class TrajectoryServer:
 
     def _let_go(self, share: float) -> None:
         self.is_released = share == 0.0
-        self.hardware.write(self._u if self.robot.drive == "position" else share * self._u)
+        self.hardware.write(self.input if self.robot.drive == "position" else share * self.input)
 
     def restart(self) -> str:
         """Begin again after a fault, at rest at the pose that is measured; why not, or empty.
@@ -276,33 +295,40 @@ class TrajectoryServer:
         read = self.hardware.read()
         y = np.full(len(self.measured), np.nan) if read is None else np.ravel(real_array(read))
         refuse_if(
-            y.shape != self._unseen.shape,
+            y.shape != self.unseen.shape,
             "The robot does not read what the controller needs.",
             f"expected {len(self.measured)} numbers {list(self.measured)}, got shape {y.shape}",
             "read() that returns them in this order, NaN for one that is missing",
         )
-        self._unseen = np.where(np.isfinite(y), 0.0, self._unseen + 1.0)
-        for name in np.array(self.measured)[self._unseen > self._longest]:
+        self.measurement, self.unseen = y, np.where(np.isfinite(y), 0.0, self.unseen + 1.0)
+        for name in np.array(self.measured)[self.unseen > self._longest]:
             self.stop(f"{name} was not measured for {self._longest} samples")
+        if self.unseen.min() > self._longest:
+            self.step_code = "STOPPED"
         return y if np.isfinite(y).any() else None
 
     def _step(self, y: Vector | None, elapsed: float) -> None:
         actual, actual_velocity = self.motion[2:]
-        followed = self._follower.step(actual, actual_velocity, self.speed, self._stepped.path_rate)
+        followed = self._follower.step(actual, actual_velocity, self.speed, self.stepped.path_rate)
         self._judge(followed.result)
         if not self._follower.waits and self._pending:
             self._in_use, self._pending = self._pending, 0
         try:
-            timed = {"elapsed": elapsed} if self._is_compiled else {}
-            self._u = self._stepped.step(y, followed.row, **timed)
-            self._failures = 0
+            self.input = self.stepped.step(y, followed.row, elapsed)
+            begun = self.step_code != "WAITING" or y is not None
+            self._failures, self.step_code = 0, "OK" if y is not None else "PREDICTED" if begun else "WAITING"
+        except WrongPeriod:
+            self.step_code = "BAD_PERIOD"
         except NumericalFailure as failure:  # the input before it is held, once
             self._failures += 1
+            self.step_code = "WENT_BACK" if self._failures > 1 else "BAD_RESULT"
             if self._failures > 1:
                 self.stop(f"the controller cannot go on: {failure}")
-        if self._is_compiled and self._stepped.code in FATAL:
-            self.stop(f"the controller stopped: {self._stepped.code}")
-        n, x = len(actual), self._stepped.estimate
+        if self._is_compiled:
+            self.step_code = self.stepped.code
+        if self.step_code in FATAL:
+            self.stop(f"the controller stopped: {self.step_code}")
+        n, x = len(actual), self.stepped.estimate
         if np.isfinite(x).all():
             actual, actual_velocity = x[:n], x[n : 2 * n]
         self.motion = ArmMotion(followed.position, followed.velocity, actual, actual_velocity)

@@ -25,7 +25,8 @@ class FollowGoal(StatedRepr):
     positions : (N, k)
         Link positions, rad or m, in the order of the names.
     velocities, accelerations : (N, k), optional
-        rad/s and rad/s², or m/s and m/s². Accelerations count beside velocities alone.
+        rad/s and rad/s², or m/s and m/s². A row that is None or empty: this waypoint states none. Accelerations count
+        beside velocities alone.
     begins : float
         Time from now until the trajectory begins, s; negative where its stamp is past.
     path_tolerance, goal_tolerance : mapping of str to (position, velocity)
@@ -39,8 +40,8 @@ class FollowGoal(StatedRepr):
     --------
     >>> import flexhinf as fh
     >>> goal = fh.FollowGoal(["elbow", "shoulder"], [0.5, 1.0], [[0.1, 0.2], [0.2, 0.4]])
-    >>> goal.order
-    1
+    >>> goal.orders.tolist()
+    [1, 1]
     """
 
     joint_names: Sequence[str]
@@ -65,7 +66,7 @@ class FollowGoal(StatedRepr):
             _as_numbers(name, getattr(self, name), 0, f"{name}=0.0")
         shape = np.size(self.times), len(self.joint_names)
         for name in ("positions", "velocities", "accelerations"):
-            value = getattr(self, name)
+            value = getattr(self, name) if name == "positions" else _filled(getattr(self, name), shape[1])
             found = None if value is None else _as_numbers(name, value, None, f"{name}=[[0.1, 0.2]]").shape
             refuse_if(
                 found is not None and found != shape and np.size(self.times) > 0,
@@ -84,16 +85,36 @@ class FollowGoal(StatedRepr):
 
     @property
     def arrays(self) -> list[np.ndarray]:
-        """Positions, and what else there is (N, k)."""
-        accelerations = None if self.velocities is None else self.accelerations
-        stated = (self.positions, self.velocities, accelerations)
+        """Positions, and what else there is (N, k); 0 where a waypoint states none."""
         shape = np.size(self.times), len(self.joint_names)
+        accelerations = None if self.velocities is None else self.accelerations
+        stated = (self.positions, *(_filled(rows, shape[1]) for rows in (self.velocities, accelerations)))
         return [np.reshape(np.asarray(rows, dtype=float), shape) for rows in stated if rows is not None]
 
     @property
-    def order(self) -> int:
-        """Derivatives of a waypoint, the position included: 1, 2 or 3."""
-        return len(self.arrays)
+    def orders(self) -> np.ndarray:
+        """Derivatives of each waypoint (N,), the position included: 1, 2 or 3."""
+        count = np.size(self.times)
+        velocities, accelerations = (_stated(rows, count) for rows in (self.velocities, self.accelerations))
+        return 1 + velocities + (velocities & accelerations)
+
+
+def _is_left_out(row: object) -> bool:
+    return row is None or (np.ndim(row) == 1 and np.size(row) == 0)  # type: ignore[call-overload]
+
+
+def _filled(rows: ArrayLike | None, width: int) -> ArrayLike | None:
+    """Rows with zeros in the place of those that a waypoint does not state."""
+    if not isinstance(rows, (list, tuple)) or not any(map(_is_left_out, rows)):
+        return rows
+    return [[0.0] * width if _is_left_out(row) else row for row in rows]  # type: ignore[return-value]
+
+
+def _stated(rows: ArrayLike | None, count: int) -> np.ndarray:
+    """Which waypoints (N,) state theirs."""
+    if not isinstance(rows, (list, tuple)):
+        return np.full(count, rows is not None)
+    return np.array([not _is_left_out(row) for row in rows], dtype=bool)
 
 
 def _is_pair(pair: Sequence[float]) -> bool:

@@ -78,7 +78,7 @@ class _Followed(NamedTuple):
 
     times: Vector  # (N,), s
     points: np.ndarray  # (3, N, n)
-    order: int
+    orders: np.ndarray  # (N,): 1, 2 or 3
     moves: np.ndarray  # (n,), of bool
     path: np.ndarray  # (2, n): of positions and velocities; 0 is any
     goal: np.ndarray
@@ -285,20 +285,19 @@ class Follower(StatedRepr):
             for joint, pair in pairs.items():
                 stated[k, :, own.index(joint)] = pair
         numbers = [*stated.ravel().tolist(), goal.goal_time]
-        if not self._possible(times, points[:, :, moves], goal.order, moves, numbers, goal.begins):
+        if not self._possible(times, points[:, :, moves], moves, numbers, goal.begins):
             return FollowCode.INVALID_GOAL
         if goal.begins + times[-1] <= 0.0:
             return FollowCode.OLD_HEADER_TIMESTAMP
         path, at_goal = np.where(stated > 0.0, stated, np.where(stated < 0.0, 0.0, self.usual))
         time = goal.goal_time
         allowed = time if time > 0.0 else 0.0 if time < 0.0 else self.goal_time
-        return _Followed(times, points, goal.order, moves, path, at_goal, allowed, goal.begins)
+        return _Followed(times, points, goal.orders, moves, path, at_goal, allowed, goal.begins)
 
     def _possible(
         self,
         times: Vector,
         points: np.ndarray,
-        order: int,
         moves: np.ndarray,
         tolerances: list[float],
         begins: float,
@@ -319,7 +318,7 @@ class Follower(StatedRepr):
             and (gaps >= self.period / PASSED).all()
             and ((points[0] >= low) & (points[0] <= high)).all()
             and not far.any()
-            and (order < 2 or not points[1, -1].any())
+            and not points[1, -1].any()
         )
 
     def _begin(self, goal: _Followed) -> FollowCode:
@@ -342,7 +341,7 @@ class Follower(StatedRepr):
         none = np.zeros(len(self.robot.joint_names), dtype=bool)
         points, tolerances = np.zeros((3, 0, len(none))), np.zeros((2, len(none)))
         self._goal, self._next, self._active = (
-            _Followed(np.zeros(0), points, 1, none, tolerances, tolerances, 0.0, 0.0),
+            _Followed(np.zeros(0), points, np.zeros(0, dtype=int), none, tolerances, tolerances, 0.0, 0.0),
             None,
             False,
         )
@@ -461,8 +460,10 @@ class Follower(StatedRepr):
             standing[0] = goal.points[0, -1] if len(goal.times) else 0.0
             self._now = np.where(goal.moves, standing, stopped)
             return
-        begin = self._from if self._first >= 0.0 else goal.points[:, self._segment - 1]
-        way = _between(begin, goal.points[:, self._segment], self._length(goal), self._since, goal.order)
+        begin, order = self._from, goal.orders[self._segment]
+        if self._first < 0.0:
+            begin, order = goal.points[:, self._segment - 1], min(order, goal.orders[self._segment - 1])
+        way = _between(begin, goal.points[:, self._segment], self._length(goal), self._since, order)
         self._now = np.where(goal.moves, way, stopped)
 
     def _length(self, goal: _Followed) -> float:

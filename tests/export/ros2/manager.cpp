@@ -4,12 +4,12 @@
 #include <string>
 #include <vector>
 
-#include "controller_interface/controller_interface.hpp"
+#include "controller_interface/controller_interface_base.hpp"
 #include "control_msgs/action/follow_joint_trajectory.hpp"
 #include "rclcpp_action/rclcpp_action.hpp"
 #include "std_msgs/msg/float64_multi_array.hpp"
 
-extern "C" controller_interface::ControllerInterface * make_plugin();
+extern "C" controller_interface::ControllerInterfaceBase * make_plugin();
 
 namespace
 {
@@ -19,8 +19,11 @@ using Action = control_msgs::action::FollowJointTrajectory;
 
 struct Manager
 {
-  std::unique_ptr<controller_interface::ControllerInterface> controller{make_plugin()};
+  std::unique_ptr<controller_interface::ControllerInterfaceBase> controller{make_plugin()};
   std::vector<std::string> states, commands;
+  std::vector<std::shared_ptr<hardware_interface::CommandInterface>> references;
+  std::vector<std::shared_ptr<hardware_interface::StateInterface>> exported;  // which Humble has not
+  std::string name_of_reference;
   std::vector<double> state_values, command_values;
   std::int64_t now = 100000000000;  // ns
   Action::Goal wanted;
@@ -88,6 +91,46 @@ int configure(Manager * manager, unsigned int rate)
   manager->state_values.assign(manager->states.size(), 0.0);
   manager->command_values.assign(manager->commands.size(), 0.0);
   return 0;
+}
+
+// After the configuration: what another controller may command; and then whether one does.
+int export_references(Manager * manager)
+{
+  manager->references.clear();
+#ifdef JAZZY
+  manager->references = manager->controller->export_reference_interfaces();
+  manager->exported = manager->controller->export_state_interfaces();
+#else
+  for (auto & one : manager->controller->export_reference_interfaces()) {
+    manager->references.push_back(std::make_shared<hardware_interface::CommandInterface>(std::move(one)));
+  }
+#endif
+  return manager->controller->is_chainable() ? static_cast<int>(manager->references.size()) : -1;
+}
+const char * reference_name(Manager * manager, int place)
+{
+  manager->name_of_reference = manager->references.at(static_cast<std::size_t>(place))->get_name();
+  return manager->name_of_reference.c_str();
+}
+int chain(Manager * manager, int is_chained) { return manager->controller->set_chained_mode(is_chained != 0) ? 0 : 1; }
+void refer(Manager * manager, int place, double value)
+{
+  auto & one = *manager->references.at(static_cast<std::size_t>(place));
+#ifdef JAZZY
+  (void)one.set_value(value);
+#else
+  one.set_value(value);
+#endif
+}
+double exported_state(Manager * manager, int place)
+{
+#ifdef JAZZY
+  return manager->exported.at(static_cast<std::size_t>(place))->get_optional().value();
+#else
+  (void)manager;
+  (void)place;
+  return std::nan("");
+#endif
 }
 
 const char * interface_name(Manager * manager, int is_command, int place)

@@ -48,13 +48,21 @@ static int @{name}_exact(void)
     computed[2] = least * half;
     const @{real} ratio = computed[0], square = computed[1], tiny = computed[2];
     int wrong = 0;
-    wrong += (one + small == one && one - small / 4.0@{f} == one) ? 0 : 1;      /* to nearest, to its own type */
-    wrong += ((one + small) - one == 0.0@{f} && (one - step) - one == -step) ? 0 : 1; /* not in another order */
-    wrong += ((one + step) * (again + step) - square == 0.0@{f}) ? 0 : 1;       /* products rounded before sums */
-    wrong += (five / 6.0@{f} == ratio) ? 0 : 1;                                 /* no product with a reciprocal */
-    wrong += (copysign@{f}(one, zero + 0.0@{f}) > 0.0@{f}) ? 0 : 1;               /* zeros with signs */
-    wrong += (tiny > 0.0@{f} && tiny + tiny == least) ? 0 : 1;                  /* numbers below the normal ones */
-    wrong += (isfinite(nan) == 0 && isnan(nan) != 0 && !(nan <= one) && !(nan > one)) ? 0 : 1;
-    wrong += (isfinite(huge) == 0 && isfinite(-huge) == 0 && huge > @{number(precision.max)}) ? 0 : 1;
+    wrong += (one + small == one) ? 0 : 1;                      /* to nearest */
+    wrong += (one - small / 4.0@{f} == one) ? 0 : 1;                /* to its own type */
+    wrong += ((one + small) - one == 0.0@{f}) ? 0 : 1;              /* not in another order */
+    wrong += ((one - step) - one == -step) ? 0 : 1;
+    wrong += ((one + step) * (again + step) - square == 0.0@{f}) ? 0 : 1; /* products rounded before sums */
+    wrong += (five / 6.0@{f} == ratio) ? 0 : 1;                     /* no product with a reciprocal */
+    wrong += (copysign@{f}(one, zero + 0.0@{f}) > 0.0@{f}) ? 0 : 1;     /* zeros with signs */
+    wrong += (tiny > 0.0@{f}) ? 0 : 1;                              /* numbers below the normal ones */
+    wrong += (tiny + tiny == least) ? 0 : 1;
+    wrong += (isfinite(nan) == 0) ? 0 : 1;
+    wrong += (isnan(nan) != 0) ? 0 : 1;
+    wrong += (nan <= one) ? 1 : 0;
+    wrong += (nan > one) ? 1 : 0;
+    wrong += (isfinite(huge) == 0) ? 0 : 1;
+    wrong += (isfinite(-huge) == 0) ? 0 : 1;
+    wrong += (huge > @{number(precision.max)}) ? 0 : 1;
     return (wrong == 0) ? 1 : 0;
 }

@@ -74,6 +74,16 @@ static int holds(int expected)
     return right;
 }
 
+/* A start forgets all that is counted. */
+static void begun(void)
+{
+    expect(state.missing == 0 && state.failed == 0 && state.began_again == 0 && state.samples == 0, "counts that begin");
+    expect(state.slip >= 0 && state.slip <= 0 && state.waiting == 1 && state.refused == 0, "a start from nothing");
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        expect(state.unseen[i] == 0, "measurements that were seen");
+    }
+}
+
 static void starts(void)
 {
     expect(step() == @{NAME}_NOT_INITIALISED, "NOT_INITIALISED before init");
@@ -100,6 +110,33 @@ static void starts(void)
         expect(@{name}_start(&state, &param, estimate, acting) == bad, "BAD_START for a start that is not finite");
         expect(step() == ((bad == @{NAME}_OK) ? @{NAME}_OK : @{NAME}_NOT_INITIALISED), "NOT_INITIALISED after BAD_START");
     }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    expect(step() == @{NAME}_OK, "OK after a start");
+    state.missing = 3;
+    state.failed = 1;
+    state.began_again = 1;
+    state.samples = 5;
+    state.slip = 1;
+    state.unseen[@{NAME}_MEASUREMENTS - 1] = 7;
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    begun();
+    expect(step() == @{NAME}_OK, "OK after a start");
+}
+
+/* A start that is finite and bad: the memory goes back to it once, and then to that of the design. */
+static void bad_start(void)
+{
+    @{name}_real far[@{NAME}_STATES];
+    int first = 0;
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        far[i] = @{largest};
+    }
+    (void)@{name}_start(&state, &param, far, NULL);
+    give();
+    for (int k = 1; k <= 20 && first == 0; ++k) {
+        first = (step() == @{NAME}_OK) ? k : 0;
+    }
+    expect(first > 0 || !PREDICTS, "OK some samples after a bad start");
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
     expect(step() == @{NAME}_OK, "OK after a start");
 }
@@ -218,6 +255,17 @@ static void overwritten_parts(void)
         }
         expect(output.estimate[0] >= 0 && output.estimate[0] <= 0, "an estimate of zero where it was overwritten");
     }
+    for (int k = 0; k < 2; ++k) { /* finite, and beyond the limits */
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            const @{name}_real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
+            const @{name}_real end = (k == 0) ? least - 1 : most + 1;
+            state.held[i] = end;
+        }
+        expect(step() == @{NAME}_WAITING, "WAITING after an input was overwritten");
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            expect(output.u[i] >= begun[i] && output.u[i] <= begun[i], "the input of the start where the last one is beyond");
+        }
+    }
     for (int k = 0; k < 2; ++k) { /* every memory, or what is applied until there is a measurement */
         give();
         for (int j = 0; j < 3 && k == 0; ++j) {
@@ -257,11 +305,96 @@ static void overwritten_parts(void)
     state.missing = -1;
     input.measured = 0;
     expect(holds(@{NAME}_STOPPED), "STOPPED where the count of missing samples was overwritten");
+    if (@{NAME}_COMMANDS > 0) {
+        give();
+        state.missing = -1;
+        input.r[0] = (@{name}_real)NAN;
+        expect(holds((param.missing_limit > 0) ? @{NAME}_STOPPED : @{NAME}_BAD_COMMAND), "STOPPED there with a bad command too");
+        param.missing_limit = 0;
+        expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND where no sample may be missing");
+        param = @{name}_defaults;
+    }
+    give();
+    expect(step() == @{NAME}_OK, "OK after it");
+    if (PREDICTS && @{NAME}_COMMANDS > 0) {
+        input.measured = 0;
+        input.r[0] = (@{name}_real)NAN;
+        expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND without a measurement");
+    }
     give();
     state.samples = -7;
     expect(step() == @{NAME}_OK && state.samples == 1, "a count of good samples from the start");
     state.samples = 32000;
     expect(step() == @{NAME}_OK && state.samples == 1, "a count of good samples that ends");
+}
+
+/* What may stand in the place of a number: none, the opposite, another size, and what is not finite. */
+static @{name}_real other(@{name}_real number, int kind)
+{
+    const @{name}_real large = number * 1000000 + 1;
+    return (kind == 0)   ? 0
+           : (kind == 1) ? -number
+           : (kind == 2) ? large
+           : (kind == 3) ? number / 1000000
+           : (kind == 4) ? (@{name}_real)NAN
+                         : (@{name}_real)HUGE_VAL;
+}
+
+static void some_steps(void)
+{
+    (void)step();
+    (void)step();
+    input.measured = 0;
+    (void)step();
+    give();
+}
+
+/* One number after the other is another one: of the parameters from the start on, and of the memory. Whatever comes of
+ * it, `step` looks at what is applied; afterwards all goes on from a start. */
+static void other_numbers(void)
+{
+{% if flips %}
+    static const int fails[@{flips | length}] = {
+@{in_lines(flips)}
+    };
+{% endif %}
+    enum { KINDS = 6, MOST = @{most_flips}, PARAMETERS = 1 + @{NAME}_PARAMETERS / MOST, MEMORIES = 1 + @{NAME}_MEMORY / MOST };
+    @{name}_real elsewhere[@{NAME}_STATES];
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        elsewhere[i] = first_estimate[i] + (@{name}_real)0.125;
+    }
+    for (int i = 0; i < @{NAME}_PARAMETERS; i += PARAMETERS) {
+        const int is_limit = i >= @{NAME}_P_LOWER && i < @{NAME}_P_LOWER + @{NAME}_INPUTS;
+        const int is_other = i >= @{NAME}_P_UPPER && i < @{NAME}_P_UPPER + @{NAME}_INPUTS;
+        for (int k = 0; k < KINDS && !is_limit && !is_other; ++k) {
+            param.value[i] = other(@{name}_defaults.value[i], k);
+            expect(@{name}_start(&state, &param, elsewhere, NULL) == @{NAME}_OK, "a start with another parameter");
+            some_steps();
+            expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start with another parameter");
+            some_steps();
+        }
+        param = @{name}_defaults;
+    }
+    for (int i = 0; i < @{NAME}_MEMORY; i += MEMORIES) {
+        for (int k = 0; k < KINDS; ++k) {
+            int code = @{NAME}_BAD_RESULT, first;
+            expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+            some_steps();
+            state.memory[i] = other(state.memory[i], k);
+            first = step();
+{% if flips %}
+            expect(k != 1 || (first == @{NAME}_BAD_RESULT) == (fails[i / MEMORIES] != 0), "BAD_RESULT where a number of the memory cannot be");
+{% else %}
+            (void)first;
+{% endif %}
+            some_steps();
+            for (int j = 0; j < 16 && code != @{NAME}_OK && code != UNMEASURED; ++j) {
+                code = step(); /* UNMEASURED: what was seen before was overwritten, and this is not believed yet */
+            }
+            expect(code == @{NAME}_OK || code == UNMEASURED || !PREDICTS, "OK some samples after a number was overwritten");
+        }
+    }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
 }
 
 /* Some time after the start the memory goes back to an earlier one, and not to the start. */
@@ -476,9 +609,12 @@ static void periods(void)
         input.elapsed = 3 * @{NAME}_PERIOD;
         expect(step() == @{NAME}_OK, "OK at a single late step");
     }
-    state.slip = (@{name}_real)HUGE_VAL; /* as by an overwritten memory */
-    input.elapsed = @{NAME}_PERIOD;
-    expect(step() == @{NAME}_OK, "OK after what is known of the period was overwritten");
+    for (int k = 0; k < 3; ++k) { /* as by an overwritten memory */
+        state.slip = (k == 0) ? (@{name}_real)HUGE_VAL : (k == 1) ? -2 : (@{name}_real)NAN;
+        input.elapsed = @{NAME}_PERIOD;
+        expect(step() == @{NAME}_OK, "OK after what is known of the period was overwritten");
+        expect(state.slip >= 0 && state.slip <= 0, "a period that is known anew");
+    }
     state.slip = 1;
     input.elapsed = 0;
     expect(step() == @{NAME}_OK, "OK where the time is not known");
@@ -534,10 +670,12 @@ int main(void)
     param = @{name}_defaults;
     give();
     starts();
+    bad_start();
     samples();
     overwritten((@{name}_real)NAN);
     overwritten((@{name}_real)HUGE_VAL);
     overwritten_parts();
+    other_numbers();
     goes_back();
     periods();
     limits();

@@ -185,6 +185,31 @@ static void mixed(void)
     }
 }
 
+/* Angles beyond those that are reduced quickly, a goal that is over when it begins, and one that waits for ages. */
+static void far_away(void)
+{
+    real pose[JOINTS], rest[@{NAME}_COMMANDS];
+    @{name}_follow_goal goal = goal_of(0);
+    for (int j = 0; j < JOINTS; ++j) {
+        pose[j] = @{far};
+    }
+    begin(pose);
+    input.speed = 1;
+    input.path_rate = 1;
+    expect(@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output) == @{NAME}_FOLLOW_IDLE);
+    expect(@{name}_rest(&@{name}_defaults, pose, rest) == @{NAME}_OK);
+    for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
+        expect(fabs@{f}(output.r[i] - rest[i]) <= @{number(close)} * (1 + fabs@{f}(rest[i])));
+    }
+    begin(goal.points[goal.count - 1].position);
+    goal.begins = -1 - goal.points[goal.count - 1].time;
+    expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP);
+    goal.begins = @{largest};
+    expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_ACTIVE);
+    (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
+    expect(output.waits == 1 && output.result == @{NAME}_FOLLOW_IDLE);
+}
+
 static int taken(const real *before, const real *r)
 {
     return (@{name}_follow_row(&@{name}_defaults, before, r) == @{NAME}_OK) ? 1 : 0;
@@ -257,6 +282,7 @@ int main(void)
     int event = 0, said = 0, passed;
     refused();
     mixed();
+    far_away();
     rows();
     begin(home);
     for (int step = 0; step < STEPS; ++step) {

@@ -443,25 +443,24 @@ class Controller(Summarised):
         return run, measurement_filler(y, self.gaps), filler(now.reference[: len(self.commanded)]), u.copy
 
     # The step -------------------------------------------------------------------------------------
-    def step(self, y: Numbers, reference: Numbers = None) -> np.ndarray:
+    def step(self, y: Numbers, reference: Numbers = None, elapsed: float = 0.0) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
 
         A plain number will do for one signal. Without a command the last one, at first the operating point's, is kept.
-
-        A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN
-        or an infinite number in y means that this sensor gave nothing: the others correct the estimate, and integrals
-        go on with the estimated position in place of a measured one that is missing. ``step(None)``, or such numbers
-        alone, is a sample without a measurement: the estimate is the prediction x(k|k−1), uncorrected; its
-        covariance grows by R^v at every such sample; the input is the law's for this estimate. The next measurement
-        corrects all of that as usual. Before the first good measurement it changes nothing, whatever the command, and
-        gives the input before the first sample, see `reset`; `Loop.run` does the same. Where a step fails twice in a
-        row, the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
+        `elapsed`: s since the step before, 0 if that is not known; see `StateHistory.check_period`. A step is made
+        whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN or an infinite
+        number in y means that this sensor gave nothing: the others correct the estimate, and integrals go on with the
+        estimated position in place of a measured one that is missing. ``step(None)``, or such numbers alone, is a
+        sample without a measurement: the estimate is the prediction x(k|k−1), uncorrected; its covariance grows by R^v
+        at every such sample; the input is the law's for this estimate. The next measurement corrects all of that as
+        usual. Before the first good measurement it changes nothing, whatever the command, and gives the input before
+        the first sample, see `reset`; `Loop.run` does the same. Where a step fails twice in a row, the memory itself is
+        bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
 
         Raises
         ------
         NumericalFailure
-            If y is not finite and there is no estimator, the command is not finite, or the estimate or the input would
-            not be.
+            If a number is not finite; `WrongPeriod` where steps come at another period.
         InvalidInput
             If y or the command does not have the right size; y is None, and there is no estimator.
         ControllerInUse
@@ -471,6 +470,7 @@ class Controller(Summarised):
         self._ready = None  # no other thread was let in since: Python changes threads at calls only
         try:
             history, (run, fill_measurement, fill_reference, copy_of_input) = self._history, ready
+            history.check_period(elapsed, self.period)
             if y is None and not self.gaps:
                 raise nothing_to_predict_with()
             try:

@@ -25,7 +25,7 @@ import numpy as np
 
 from flexhinf.codegen import Buffer, Copy, Guard, Part, Program, Slice
 from flexhinf.codegen.program import Step
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod
 from flexhinf.validation import real_array, value_text
 
 Shape = tuple[int, ...]
@@ -139,6 +139,9 @@ BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 #: samples with a cubic law), short against what the estimator needs to catch up.
 SPACING = 32
 
+#: Of how many steps the mean of their period is taken, and by which part of a period it may be off.
+PERIODS_MEANT, SLIPPED = 32, 0.1
+
 #: What is finite before the step, and after it.
 ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
 
@@ -163,6 +166,7 @@ class StateHistory:
     are those of the last good sample: always the same arrays, which the compiled step writes. `waiting`: there was no
     good measurement yet. `holding`: the last command holds after the last going back, and not that of the earlier
     memory. `braking`: where the memory says how far a brake is, as fractions; a brake under way outlasts going back.
+    `slip`: the mean by which the time between steps is off, in periods.
     """
 
     def __init__(self, memory: np.ndarray, command: slice, states: int, braking: slice = NOWHERE) -> None:
@@ -177,13 +181,36 @@ class StateHistory:
         for place in (self.memory, self.start, self.older, self.newer):
             place[:] = memory
         self.estimate[:] = np.nan
-        self.samples, self.waiting = 0, True
+        self.samples, self.waiting, self.slip = 0, True, 0.0
         self.failed = self.holding = self.begun_again = False
         self.hold_command()
 
     def hold_command(self) -> None:
         """Make the command of the last good sample the one that holds."""
         self.reference[: self.command.stop - self.command.start] = self.memory[self.command]
+
+    def check_period(self, elapsed: float, period: float) -> None:
+        """Note the time between two steps, s; 0 where it is not known, which forgets what was known before.
+
+        A step whose time is negative, no number, or over three periods counts as two periods too long. Raises
+        WrongPeriod where the mean over some `PERIODS_MEANT` steps is off by more than `SLIPPED` of a period: nothing is
+        computed then. It is the rule of the exported C, with its bits.
+        """
+        if elapsed == 0.0:
+            self.slip = 0.0
+            return
+        try:
+            periods = elapsed / period
+        except TypeError as error:
+            raise InvalidInput(
+                "The time since the step before is no number.",
+                f"expected seconds, got {value_text(elapsed)}",
+                "elapsed=1e-3; or 0 where it is not known",
+            ) from error
+        off = periods - 1.0 if 0.0 <= periods <= 3.0 else 2.0
+        self.slip += (off - self.slip) / PERIODS_MEANT
+        if abs(self.slip) > SLIPPED:
+            raise WrongPeriod(elapsed, period, self.slip)
 
     def good(self, measured: bool) -> None:
         """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is

@@ -337,7 +337,8 @@ def eases(reactions: tuple[str, ...]) -> bool:
 
 
 def _any(flags: Sequence[Any]) -> Any:
-    return reduce(maximum, flags, 0.0)
+    """1 where some flag is, of flags that are 0 or 1: of one flag it decides nothing."""
+    return reduce(lambda found, flag: where(found > 0.0, found, flag), flags) if len(flags) else 0.0
 
 
 def _outside(positions: Any, box: Any) -> Any:

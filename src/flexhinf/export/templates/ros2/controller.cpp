@@ -21,6 +21,11 @@ namespace
 constexpr double PERIOD = static_cast<double>(@{NAME}_PERIOD);
 constexpr std::size_t ROW = @{code.sizes.r};  // numbers of a command
 
+{% if references %}
+// What another controller may command, behind the name of this one.
+const std::array<const char *, @{references | length}> REFERENCES_OF = {@{references | quoted}};
+
+{% endif %}
 // Names of the signals in parameters and in the published state, in the order of @{name}.h.
 const std::array<const char *, @{NAME}_MEASUREMENTS> MEASURED = {@{measurements | map(attribute="name") | quoted}};
 const std::array<const char *, @{NAME}_INPUTS> INPUTS = {@{inputs | map(attribute="name") | quoted}};
@@ -140,6 +145,125 @@ controller_interface::InterfaceConfiguration individual(const Signals & signals)
 }
 }  // namespace
 
+{% if references %}
+// Chain --------------------------------------------------------------------------------------------------------
+namespace
+{
+// A handle keeps its number at a place of ours in Humble and Jazzy, and in itself in Rolling.
+#if defined(__GNUC__) || defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
+#endif
+template <class Interface>
+Interface at_place(const std::string & prefix, const std::string & name, double * place)
+{
+  if constexpr (std::is_constructible_v<Interface, const std::string &, const std::string &, double *>) {
+    return Interface(prefix, name, place);
+  } else {
+    (void)place;
+    return Interface(prefix, name);
+  }
+}
+
+template <class Interface>
+std::shared_ptr<Interface> with_number(const std::string & prefix, const std::string & name, double number)
+{
+  if constexpr (std::is_constructible_v<Interface, const std::string &, const std::string &, double *>) {
+    (void)number;
+    return std::make_shared<Interface>(prefix, name, nullptr);  // never called: that version has no lists
+  } else {
+    const auto made = std::make_shared<Interface>(prefix, name);
+    (void)write_to(*made, number);
+    return made;
+  }
+}
+#if defined(__GNUC__) || defined(__clang__)
+#pragma GCC diagnostic pop
+#endif
+
+template <class Interface>
+void keep(const std::shared_ptr<Interface> & interface, double number)
+{
+  if constexpr (!std::is_constructible_v<Interface, const std::string &, const std::string &, double *>) {
+    if (interface != nullptr) {
+      (void)write_to(*interface, number);
+    }
+  } else {
+    (void)interface;
+    (void)number;
+  }
+}
+}  // namespace
+
+std::vector<hardware_interface::CommandInterface> Chained::on_export_reference_interfaces()
+{
+  reference_interfaces_.assign(REFERENCES, std::numeric_limits<double>::quiet_NaN());
+  std::vector<hardware_interface::CommandInterface> made;
+  for (std::size_t i = 0; i < REFERENCES; ++i) {
+    made.push_back(
+      at_place<hardware_interface::CommandInterface>(get_node()->get_name(), REFERENCES_OF[i], &reference_interfaces_[i]));
+  }
+  return made;
+}
+
+std::vector<hardware_interface::StateInterface> Chained::on_export_state_interfaces()
+{
+  std::vector<hardware_interface::StateInterface> made;
+  made.push_back(at_place<hardware_interface::StateInterface>(get_node()->get_name(), "path_rate", &path_rate_));
+  return made;
+}
+
+std::vector<std::shared_ptr<hardware_interface::CommandInterface>> Chained::on_export_reference_interfaces_list()
+{
+  references_.clear();
+  for (const char * name : REFERENCES_OF) {
+    references_.push_back(
+      with_number<hardware_interface::CommandInterface>(
+        get_node()->get_name(), name, std::numeric_limits<double>::quiet_NaN()));
+  }
+  return references_;
+}
+
+std::vector<std::shared_ptr<hardware_interface::StateInterface>> Chained::on_export_state_interfaces_list()
+{
+  path_rate_handle_ = with_number<hardware_interface::StateInterface>(get_node()->get_name(), "path_rate", 1.0);
+  return {path_rate_handle_};
+}
+
+controller_interface::return_type Chained::update_reference_from_subscribers()
+{
+  return controller_interface::return_type::OK;
+}
+
+controller_interface::return_type Chained::update_reference_from_subscribers(
+  const rclcpp::Time &, const rclcpp::Duration &)
+{
+  return controller_interface::return_type::OK;
+}
+
+double Chained::reference(std::size_t i) const
+{
+  if (!references_.empty()) {
+    return value_of(*references_[i]);
+  }
+  return (i < reference_interfaces_.size()) ? reference_interfaces_[i] : std::numeric_limits<double>::quiet_NaN();
+}
+
+void Chained::forget_references()
+{
+  for (const auto & one : references_) {
+    keep(one, std::numeric_limits<double>::quiet_NaN());
+  }
+  std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), std::numeric_limits<double>::quiet_NaN());
+}
+
+void Chained::tell_path_rate(double rate)
+{
+  path_rate_ = rate;
+  keep(path_rate_handle_, rate);
+}
+
+{% endif %}
 // Set-up -------------------------------------------------------------------------------------------------------
 CallbackReturn Controller::on_init()
 {
@@ -415,8 +539,12 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
   samples_ = late_ = missed_writes_ = refused_commands_ = 0;
   elapsed_ = 0.0;
   is_stopped_ = false;
+{% if references %}
+  forget_references();
+  tell_path_rate(1.0);
+{% endif %}
 {% if follows %}
-  trajectories_.activate(input_.r);
+  trajectories_.activate(input_.r, !is_in_chained_mode());
 {% endif %}
   remember();
   return CallbackReturn::SUCCESS;
@@ -484,6 +612,11 @@ bool Controller::is_possible(const Path & path, const @{name}_real * before) con
 void Controller::follow(const rclcpp::Time & time)
 {
   const Path * path = paths_.readFromRT()->get();  // what is played is kept: nothing is freed here
+{% if references %}
+  if (is_in_chained_mode()) {
+    path = nullptr;  // another controller commands, and messages do not
+  }
+{% endif %}
   at_ += static_cast<double>(output_.path_rate);
   if (path != nullptr && path->number > playing_) {
     playing_ = path->number;
@@ -501,8 +634,14 @@ void Controller::follow(const rclcpp::Time & time)
   if (path_ != nullptr) {
     play();
   }
+{% if references %}
+  if (is_in_chained_mode()) {
+    follow_references();
+  }
+{% endif %}
 {% if follows %}
-  const double speed = speed_.interface.empty() ? 1.0 : value_of(state_interfaces_[speed_.place]);
+  const bool is_whole = speed_.interface.empty() || is_in_chained_mode();  // the controller above has its own speed
+  const double speed = is_whole ? 1.0 : value_of(state_interfaces_[speed_.place]);
   trajectories_.follow(time, speed, param_, output_, input_.r);
   if (trajectories_.is_used()) {
     path_ = nullptr;
@@ -512,6 +651,26 @@ void Controller::follow(const rclcpp::Time & time)
 {% endif %}
 }
 
+{% if references %}
+// What the controller above this one commands; a number that it does not command stays.
+void Controller::follow_references()
+{
+{% if follows %}
+  std::array<double, @{NAME}_FOLLOW_JOINTS> positions{}, velocities{};
+  for (std::size_t j = 0; j < positions.size(); ++j) {
+    positions[j] = reference(j);
+    velocities[j] = reference(j + positions.size());
+  }
+  trajectories_.take(positions.data(), velocities.data());
+{% else %}
+  for (std::size_t i = 0; i < REFERENCES; ++i) {
+    const double value = reference(i);
+    input_.r[i] = std::isfinite(value) ? static_cast<@{name}_real>(value) : input_.r[i];
+  }
+{% endif %}
+}
+
+{% endif %}
 void Controller::begin(const Path * path)
 {
   path_ = path;
@@ -572,7 +731,8 @@ bool Controller::wrong_rate(double seconds)
   return later;
 }
 
-controller_interface::return_type Controller::update(const rclcpp::Time & time, const rclcpp::Duration & period)
+controller_interface::return_type Controller::update@{"_and_write_commands" if references}(
+  const rclcpp::Time & time, const rclcpp::Duration & period)
 {
   if (is_stopped_) {
     return stop(time, period.seconds());
@@ -586,6 +746,9 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
     drive();
   }
   code_ = @{name}_step(&state_, &param_, &input_, &output_);
+{% if references %}
+  tell_path_rate(static_cast<double>(output_.path_rate));
+{% endif %}
   if (code_ == @{NAME}_BAD_PERIOD) {
     return end("it is called at another period than it is made for", time);
   }
@@ -727,4 +890,4 @@ bool Controller::publish(const rclcpp::Time & time)
 
 }  // namespace @{package}
 
-PLUGINLIB_EXPORT_CLASS(@{package}::Controller, controller_interface::ControllerInterface)
+PLUGINLIB_EXPORT_CLASS(@{package}::Controller, controller_interface::@{"Chainable" if references}ControllerInterface)

@@ -11,7 +11,19 @@
 #include <vector>
 
 #include "control_msgs/msg/dynamic_joint_state.hpp"
+{% if references %}
+// A handle whose number lies at a place of ours is deprecated since Jazzy, and the only one that Humble has.
+#if defined(__GNUC__) || defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
+#endif
+#include "controller_interface/chainable_controller_interface.hpp"
+#if defined(__GNUC__) || defined(__clang__)
+#pragma GCC diagnostic pop
+#endif
+{% else %}
 #include "controller_interface/controller_interface.hpp"
+{% endif %}
 #include "rclcpp/rclcpp.hpp"
 #if __has_include("realtime_tools/realtime_publisher.hpp")
 #include "realtime_tools/realtime_buffer.hpp"
@@ -51,7 +63,38 @@ struct Path
   std::vector<@{name}_real> numbers;
 };
 
+{% if references %}
+/// What other controllers may command and read. Versions of ros2_control ask for it by other functions: each of these
+/// overrides the one that its base has, and none says so.
+class Chained : public controller_interface::ChainableControllerInterface
+{
+public:
+  // Humble and Jazzy; then Rolling.
+  std::vector<hardware_interface::CommandInterface> on_export_reference_interfaces();
+  std::vector<hardware_interface::StateInterface> on_export_state_interfaces();
+  std::vector<std::shared_ptr<hardware_interface::CommandInterface>> on_export_reference_interfaces_list();
+  std::vector<std::shared_ptr<hardware_interface::StateInterface>> on_export_state_interfaces_list();
+  // What is not chained reads its messages in update_and_write_commands.
+  controller_interface::return_type update_reference_from_subscribers();
+  controller_interface::return_type update_reference_from_subscribers(
+    const rclcpp::Time & time, const rclcpp::Duration & period);
+
+protected:
+  static constexpr std::size_t REFERENCES = @{references | length};
+  double reference(std::size_t i) const;  // NaN where nobody commands it
+  void forget_references();
+  void tell_path_rate(double rate);
+
+private:
+  std::vector<std::shared_ptr<hardware_interface::CommandInterface>> references_;  // of Rolling
+  std::shared_ptr<hardware_interface::StateInterface> path_rate_handle_;
+  double path_rate_ = 1.0;
+};
+
+class Controller : public Chained
+{% else %}
 class Controller : public controller_interface::ControllerInterface
+{% endif %}
 {
 public:
   CallbackReturn on_init() override;
@@ -60,7 +103,12 @@ public:
   CallbackReturn on_configure(const rclcpp_lifecycle::State & previous) override;
   CallbackReturn on_activate(const rclcpp_lifecycle::State & previous) override;
   CallbackReturn on_deactivate(const rclcpp_lifecycle::State & previous) override;
+{% if references %}
+  controller_interface::return_type update_and_write_commands(
+    const rclcpp::Time & time, const rclcpp::Duration & period) override;
+{% else %}
   controller_interface::return_type update(const rclcpp::Time & time, const rclcpp::Duration & period) override;
+{% endif %}
 
 private:
   bool read_parameters();
@@ -69,6 +117,9 @@ private:
   bool start_where_the_robot_is();
   void receive(const Command & message);
   void follow(const rclcpp::Time & time);
+{% if references %}
+  void follow_references();
+{% endif %}
   void begin(const Path * path);
   void play();
 {% if follows %}

@@ -105,12 +105,45 @@ bool Trajectories::configure(const std::shared_ptr<Node> & node)
   return true;
 }
 
-void Trajectories::activate(const @{name}_real * q)
+void Trajectories::activate(const @{name}_real * q, bool accepts)
 {
   (void)@{name}_follow_init(&state_, q);
   started_ = pending_ = given_.load();  // older goals are over
   is_used_ = is_cancelled_ = false;
-  is_active_.store(true);
+  is_active_.store(accepts);
+  std::copy(q, q + JOINTS.size(), std::begin(wanted_.position));
+}
+
+// A goal of one waypoint, which is reached in this sample: the same smoothing, and the same refusal of a jump.
+void Trajectories::take(const double * positions, const double * velocities)
+{
+  const @{name}_follow_point before = wanted_;
+  @{name}_follow_goal goal{};
+  bool is_commanded = false;
+  for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+    if (std::isfinite(positions[j])) {
+      wanted_.position[j] = static_cast<@{name}_real>(positions[j]);
+    } else if (std::isfinite(velocities[j])) {
+      wanted_.position[j] += @{NAME}_PERIOD * static_cast<@{name}_real>(velocities[j]);
+    } else {
+      continue;  // it stays
+    }
+    is_commanded = true;
+  }
+  if (!is_commanded) {
+    return;
+  }
+  std::fill(std::begin(goal.moves), std::end(goal.moves), 1);
+  wanted_.time = @{NAME}_PERIOD;
+  wanted_.order = 1;
+  goal.points = &wanted_;
+  goal.count = 1;
+  if (@{name}_follow_check(&options_, &goal) == @{NAME}_FOLLOW_SUCCESSFUL &&
+    @{name}_follow_start(&state_, &options_, &goal) == @{NAME}_FOLLOW_ACTIVE) {
+    is_used_ = true;
+  } else {  // a jump, or beyond a joint's range: what there is goes on
+    wanted_ = before;
+  }
 }
 
 void Trajectories::deactivate(const char * reason)
@@ -208,7 +241,7 @@ void Trajectories::hand_over(const std::shared_ptr<Goal> & goal)
 void Trajectories::receive(const Message & trajectory)
 {
   std::shared_ptr<Goal> goal;
-  std::string why = "the controller is not active";
+  std::string why = "the controller is not active, or another one commands it";
   const int code = is_active_.load() ? accept(trajectory, nullptr, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
     RCLCPP_WARN(node_->get_logger(), "a trajectory is ignored (%d): %s", code, why.c_str());
@@ -222,7 +255,7 @@ void Trajectories::receive(const Message & trajectory)
 rclcpp_action::GoalResponse Trajectories::consider(const Action::Goal & wanted)
 {
   std::shared_ptr<Goal> goal;
-  std::string why = "the controller is not active";
+  std::string why = "the controller is not active, or another one commands it";
   const int code =
     is_active_.load() ? accept(wanted.trajectory, &wanted, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
@@ -243,7 +276,7 @@ void Trajectories::begin(const std::shared_ptr<Handle> & handle)
   int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
   if (!is_active_.load()) {  // since it was considered; from here on a stop leaves its reason for this goal
     code = @{NAME}_FOLLOW_INVALID_GOAL;
-    why = "the controller is not active";
+    why = "the controller is not active, or another one commands it";
   }
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
     finish(code, why);

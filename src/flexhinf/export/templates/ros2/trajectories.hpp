@@ -52,13 +52,15 @@ public:
   static const std::array<const char *, @{NAME}_FOLLOW_JOINTS> JOINTS;
 
   bool configure(const std::shared_ptr<Node> & node);
-  // Begin at rest at link positions; from then on goals are accepted.
-  void activate(const @{name}_real * q);
+  // Begin at rest at link positions; from then on goals are accepted, unless another controller commands the motion.
+  void activate(const @{name}_real * q, bool accepts);
 
   // In the loop, which none of these lets wait.
   // No goal is accepted any more; the active one ends with this reason.
   void deactivate(const char * reason);
   bool is_used() const { return is_used_; }
+  // Another controller commands the positions of this sample, or where one is NaN, the velocity; what is neither rests.
+  void take(const double * positions, const double * velocities);
   // Rows come from elsewhere from here on; the next goal begins at rest there.
   void leave(const @{name}_real * r);
   void follow(
@@ -99,6 +101,7 @@ private:
 
   @{name}_follow_state state_{};
   Followed sample_;
+  @{name}_follow_point wanted_{};   // that another controller commands
   std::uint64_t started_ = 0, pending_ = 0;  // the last goal that was read, and the last that was taken
   bool is_used_ = false, is_cancelled_ = false;
 };
