@@ -291,26 +291,30 @@ def test_the_pd_beside_it(opened: Open) -> None:
     assert "encoders" in page.inner_text("#about")
 
 
-def test_a_fast_move_has_the_stiff_pd(opened: Open) -> None:
+def test_the_first_move_shows_the_difference(opened: Open) -> None:
+    """It is fast, beside a stiff PD whose links swing most when the move has ended; smooth moves have the tuned PD."""
     page = opened("two")
+    swings = """() => {
+      const { simulation: sim, s } = livePage, far = (arm) => Math.hypot(...sim.links(arm).map((q, j) => q - s.goal[j]));
+      return [sim.stiff, far(0), far(1)];
+    }"""
+    until(page, "livePage.simulation.time > 0.6 + livePage.s.fast")
+    stiff, ours, theirs = page.evaluate(swings)
+    assert stiff
+    assert ours < 0.5 * theirs
+    note = page.inner_text("#rival-note")
     page.uncheck("#rival")
-    smooth = page.inner_text("#rival-note")
-    page.click("#fast")
-    assert page.evaluate("[livePage.simulation.stiff, document.getElementById('wander').checked]") == [
-        True,
-        False,
-    ]
+    page.uncheck("#wander")
+    page.select_option("#moves", "smooth")
+    assert page.is_checked("#wander")
     assert page.is_visible("#theirs")
-    assert "Stiff PD" in page.inner_text("#rival-figure")
-    assert page.inner_text("#rival-note") != smooth
-    goal = page.evaluate("livePage.goal")
-    page.click("#fast")
-    assert page.evaluate("livePage.goal") != goal
-    page.click("#fast")
-    assert page.evaluate("livePage.goal") == goal
-    page.click("#reset")
     assert page.evaluate("livePage.simulation.stiff") is False
-    assert page.inner_text("#rival-note") == smooth
+    assert page.inner_text("#rival-note") != note
+    until(page, "livePage.goal.every((q, j) => q === livePage.s.other[j])")
+    page.select_option("#moves", "fast")
+    until(page, "livePage.goal.every((q, j) => q === livePage.s.goal[j])")
+    page.click("#reset")
+    assert page.evaluate("livePage.simulation.stiff") is True
 
 
 def test_joints_are_chosen_and_moved_together_or_alone(opened: Open) -> None:
