@@ -6,6 +6,7 @@ from .blocks import (
     Cell as Cell,
     Column as Column,
     Figure as Figure,
+    Film as Film,
     Listing as Listing,
     Note as Note,
     Paragraph as Paragraph,

@@ -262,15 +262,37 @@ class Bullets(Block):
         return f"<{tag}>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</{tag}>"
 
 
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Lines that move over a drawing.
+
+    `seconds`: instants (N,), s. `lines`: for each the number of the series whose colour it has, and its points
+    (N, k, 2) in the units of the drawing, to the right and down.
+    """
+
+    seconds: np.ndarray
+    lines: tuple[tuple[int, np.ndarray], ...]
+
+    def text(self) -> str:
+        """The film as JSON, with tenths of a point."""
+        count = len(self.seconds)
+        lines = [
+            [series, np.reshape(points, (count, -1)).round(1).tolist()] for series, points in self.lines
+        ]
+        film = {"seconds": self.seconds.round(4).tolist(), "lines": lines}
+        return json.dumps(film, separators=(",", ":"), allow_nan=False)
+
+
 @dataclass(frozen=True)
 class Figure(Anchored):
     """A drawing, as `flexhinf.report.figure_to_svg` writes it, with its caption, an anchor (``figure-03``) and a label
-    (``Figure 3``)."""
+    (``Figure 3``); with a `film` the page can play it."""
 
     id: str
     svg: str
     caption: str
     label: str = ""
+    film: Film | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -286,9 +308,10 @@ class Figure(Anchored):
     def html(self) -> str:
         """The figure as HTML, the drawing inside it."""
         label = f"<strong>{escape(self.label)}.</strong> " if self.label else ""
+        film = "" if self.film is None else f' data-film="{escape(self.film.text())}"'
         drawing = _inline(self.svg, self.id, f"{self.id}-caption")
         return (
-            f'<figure id="{self.id}"><div class="drawing">{drawing}</div>'
+            f'<figure id="{self.id}"{film}><div class="drawing">{drawing}</div>'
             f'<figcaption id="{self.id}-caption">{label}{prose(self.caption)}</figcaption></figure>'
         )
 

@@ -120,8 +120,9 @@ def test_the_goal_moves_by_slider_click_and_keys(opened: Open) -> None:
     until(page, "Math.abs(livePage.simulation.states[0][0] - Math.PI / 4) < 0.03")
     until(page, "document.getElementById('ours-status').textContent === 'at the goal'")
     box = page.locator("#ours").bounding_box()
-    page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
-    assert page.evaluate("livePage.goal[0]") == pytest.approx(-math.pi / 2.0, abs=0.15)
+    x, y = page.evaluate("livePage.view.point(livePage.view.tipOf(livePage.simulation.frames([1.1])))")
+    page.mouse.click(box["x"] + x, box["y"] + y)
+    assert page.evaluate("livePage.goal[0]") == pytest.approx(1.1, abs=0.15)
     before = page.evaluate("livePage.goal[0]")
     page.locator("#ours").press("ArrowRight")
     assert page.evaluate("livePage.goal[0]") == pytest.approx(before + math.radians(5.0), abs=1e-9)
@@ -134,10 +135,10 @@ def test_a_pulled_link_gives_way_and_comes_back(opened: Open) -> None:
     page.clock.run_for(300)
     rest = page.evaluate("livePage.simulation.states[0][0]")
     box = page.locator("#ours").bounding_box()
-    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
-    page.mouse.move(x, y + 0.25 * box["height"])  # the arm hangs
+    x, y = page.evaluate("livePage.view.point([0, 0, -0.5])")  # the arm hangs
+    page.mouse.move(box["x"] + x, box["y"] + y)
     page.mouse.down()
-    page.mouse.move(x + 0.4 * box["width"], y, steps=8)
+    page.mouse.move(box["x"] + x + 0.4 * box["width"], box["y"] + 0.1 * box["height"], steps=8)
     until(page, f"livePage.simulation.states[0][0] > {rest} + 0.02")
     pulled = page.evaluate(
         "(({ simulation: sim }) => ({ torque: sim.view(sim.code.torque_at(), 1)[0], windup: sim.windup(0, 0), "

@@ -24,6 +24,7 @@ class Page {
     this.view = new View(simulation);
     this.ours = new ArmDrawing(this.view, element("ours"), 0, "ours");
     this.theirs = new ArmDrawing(this.view, element("theirs"), 1, "rival");
+    for (const drawing of [this.ours, this.theirs]) drawing.canvas.style.aspectRatio = String(this.view.aspect());
     this.goal = [...settings.goal];
     this.joint = 0;
     this.running = false;
@@ -292,6 +293,7 @@ class Page {
     this.goal = pose.map((q, j) => Math.max(this.s.low[j], Math.min(this.s.high[j], q)));
     if (own) element("wander").checked = false;
     this.goalSliders.forEach((control, j) => control.set(this.angle[j][1] * this.goal[j]));
+    this.view.include(this.goal);
     this.simulation.goTo(this.goal, fast);
   }
 
@@ -338,6 +340,7 @@ class Page {
   reset() {
     this.simulation.pushed.fill(0);
     this.simulation.reset(this.s.start);
+    this.view.begin();
     this.history.clear();
     this.wanderAt = FIRST;
     this.goal = [...this.s.start];
