@@ -276,9 +276,7 @@ class Film:
     def text(self) -> str:
         """The film as JSON, with tenths of a point."""
         count = len(self.seconds)
-        lines = [
-            [series, np.reshape(points, (count, -1)).round(1).tolist()] for series, points in self.lines
-        ]
+        lines = [[series, np.reshape(points, (count, -1)).round(1).tolist()] for series, points in self.lines]
         film = {"seconds": self.seconds.round(4).tolist(), "lines": lines}
         return json.dumps(film, separators=(",", ":"), allow_nan=False)
 

@@ -296,7 +296,8 @@ def test_the_first_move_shows_the_difference(opened: Open) -> None:
     """It is fast, beside a stiff PD whose links swing most when the move has ended; smooth moves have the tuned PD."""
     page = opened("two")
     swings = """() => {
-      const { simulation: sim, s } = livePage, far = (arm) => Math.hypot(...sim.links(arm).map((q, j) => q - s.goal[j]));
+      const { simulation: sim, s } = livePage;
+      const far = (arm) => Math.hypot(...sim.links(arm).map((q, j) => q - s.goal[j]));
       return [sim.stiff, far(0), far(1)];
     }"""
     until(page, "livePage.simulation.time > 0.6 + livePage.s.fast")

@@ -130,7 +130,7 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
                 axes.plot(*(line @ view).T, **style, gid=f"pose-{drawn}")  # fades where the film is played
                 drawn += 1
     joints = np.array([line[0] for line in skeleton(robot, response.positions[at[-1]])]) @ view
-    axes.plot(*joints.T, "o", color=INK, markersize=4.0)
+    axes.plot(*joints.T, "o", color=INK, markersize=4.0, gid="pose-joints")
     axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.8, linestyle=DOTTED, zorder=0)
     axes.plot([], [], label="links", color=SERIES[0], linewidth=3.2)
     axes.plot([], [], label="motors", color=SERIES[1], linewidth=1.3, dashes=(4.0, 2.0))
