@@ -81,7 +81,7 @@ def text(made: list[str], page: str) -> str:
         said = [
             "## Try it here",
             "",
-            "The exported C of controllers and of their arms runs in this page: left a design, right a stiff PD. Pull a link.",
+            "The exported C of controllers and their arms runs here: left a design, right a stiff PD. Pull a link.",
         ]
         frames = [line for name in made[:2] for line in frame(name)]
         return "\n".join([*said, "", *frames, "More of them: [Live](live.md)."]) if made else ""
