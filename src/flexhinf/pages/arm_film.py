@@ -47,9 +47,9 @@ def film_of(
     high = float(axes.get_figure(root=True).bbox.height)  # type: ignore[union-attr]
     lines: list[tuple[int, np.ndarray]] = []
     for series, positions in reversed(arms):
-        drawn = [skeleton(robot, positions[k]) for k in at]
-        for link in range(len(drawn[0])):
-            points = np.array([lines_of[link] @ view for lines_of in drawn])
+        poses = [skeleton(robot, positions[k]) for k in at]
+        for link in range(len(poses[0])):
+            points = np.array([pose[link] @ view for pose in poses])
             flat = axes.transData.transform(points.reshape(-1, 2)).reshape(points.shape)
             lines.append((series, np.stack([flat[..., 0], high - flat[..., 1]], axis=-1)))
     return Film(time[at], tuple(lines))
@@ -71,7 +71,7 @@ STYLES: tuple[dict[str, Any], ...] = (
     {"color": SERIES[0], "linewidth": 3.2},
     {"color": SERIES[1], "linewidth": 1.6, "dashes": (4.0, 2.0)},
 )
-DRAWN = (0.0, 0.35, 0.6, 1.0)
+SHARES = (0.0, 0.35, 0.6, 1.0)
 
 
 @house_style()
@@ -92,20 +92,20 @@ def two_arms(
         Of the caption.
     """
     at = instants_of(time, np.hstack([positions for _, positions in arms]))
-    drawn = at[[round(share * (len(at) - 1)) for share in DRAWN]]
-    seen = arm_plane(robot, [skeleton(robot, positions[k]) for k in drawn for _, positions in arms])
+    places = at[[round(share * (len(at) - 1)) for share in SHARES]]
+    seen = arm_plane(robot, [skeleton(robot, positions[k]) for k in places for _, positions in arms])
     if seen is None:
         return None
     view, names, (low, high) = seen
     figure, ((axes,),) = panels(1, 1, 4.3)
     for (text, positions), style in reversed(list(zip(arms, STYLES, strict=True))):
-        for k, place in enumerate(drawn):
+        for k, place in enumerate(places):
             for j, line in enumerate(skeleton(robot, positions[place])):
-                shown = {
-                    "alpha": 0.15 + 0.85 * k / (len(drawn) - 1),
+                faint = {
+                    "alpha": 0.15 + 0.85 * k / (len(places) - 1),
                     "gid": f"pose-{text.replace(' ', '-')}-{k}-{j}",
                 }
-                axes.plot(*(line @ view).T, **style, **shown)
+                axes.plot(*(line @ view).T, **style, **faint)
         axes.plot([], [], label=text, **style)
     base = skeleton(robot, arms[0][1][0])[0][0] @ view
     axes.plot(*base, "o", color=INK, markersize=4.0)

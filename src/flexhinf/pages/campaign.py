@@ -469,10 +469,10 @@ def _arms(judged: CampaignJudgement) -> list[Any]:
         return []
     names = (f"sample {worst}, the worst", f"sample {middle}, the median")
     says = f"The links of the worst sample and of that with the median {metric_text(judged.main)}, in their runs."
-    drawn = two_arms(
+    figure = two_arms(
         "arms", robot, runs[0].time[:count], list(zip(names, links, strict=True)), says, "The arms"
     )
-    return [] if drawn is None else [drawn]
+    return [] if figure is None else [figure]
 
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:

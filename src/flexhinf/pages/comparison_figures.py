@@ -162,7 +162,7 @@ def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> li
     if any(run.diverged_at is not None for run in runs):
         return []
     count = min(len(run.positions) for run in runs)
-    drawn = two_arms(
+    figure = two_arms(
         "arms",
         comparison.robot,
         own.step.run.time[:count],
@@ -170,7 +170,7 @@ def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> li
         f"The links during the step under the design and under {rival.name}, the best rival by the criterion.",
         "The arm under both laws",
     )
-    return [] if drawn is None else [drawn]
+    return [] if figure is None else [figure]
 
 
 def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:

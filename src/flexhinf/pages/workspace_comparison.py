@@ -259,10 +259,10 @@ def _arms(comparison: WorkspaceComparison) -> list[Any]:
     count = min(len(run.positions) for run in runs)
     pairs = list(zip((comparison.own.name, rival.name), (run.positions[:count] for run in runs), strict=True))
     says = f"The links in the same move, that with the largest error of {rival.name}."
-    drawn = two_arms(
+    figure = two_arms(
         "arms", comparison.robot, runs[0].run.time[:count], pairs, says, "The arm under both laws"
     )
-    return [] if drawn is None else [drawn]
+    return [] if figure is None else [figure]
 
 
 def laws_notes(comparison: WorkspaceComparison) -> list[str]:

@@ -23,7 +23,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
-from flexhinf.report.figure import LIGHT
+from flexhinf.report.figure import LIGHT, Film
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
@@ -260,25 +260,6 @@ class Bullets(Block):
         """The list as HTML."""
         tag = "ol" if self.numbered else "ul"
         return f"<{tag}>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</{tag}>"
-
-
-@dataclass(frozen=True, eq=False)
-class Film:
-    """Lines that move over a drawing.
-
-    `seconds`: instants (N,), s. `lines`: for each the number of the series whose colour it has, and its points
-    (N, k, 2) in the units of the drawing, to the right and down.
-    """
-
-    seconds: np.ndarray
-    lines: tuple[tuple[int, np.ndarray], ...]
-
-    def text(self) -> str:
-        """The film as JSON, with tenths of a point."""
-        count = len(self.seconds)
-        lines = [[series, np.reshape(points, (count, -1)).round(1).tolist()] for series, points in self.lines]
-        film = {"seconds": self.seconds.round(4).tolist(), "lines": lines}
-        return json.dumps(film, separators=(",", ":"), allow_nan=False)
 
 
 @dataclass(frozen=True)

@@ -518,11 +518,6 @@ def _stall(p: Any) -> Any:
     return np.asarray(p["torque_constant"]) / p["resistance"] if "resistance" in p else 0.0
 
 
-def _times(ratio: float) -> str:
-    """A large ratio in a sentence."""
-    return f"{ratio:.2g}" if ratio < 100.0 else f"{ratio:,.0f}"
-
-
 def check_load(robot: Robot, file: str) -> None:
     """As `check_geometry`: gravity, the payload, springs under the robot's weight, and motors beside what they move."""
     p = Parameters(robot.plant_parameters())
@@ -574,20 +569,17 @@ def check_load(robot: Robot, file: str) -> None:
             twist > UNUSUAL["twist"][1],
         )
         unit = min(INERTIA_UNITS, key=lambda name: abs(np.log(ratio * INERTIA_UNITS[name])))
-        advice = (
-            "the number of the motor's data sheet: this one is an estimate"
-            if per_joint("motor_inertia", joint.name, n) in guessed
-            else f"{rotor * INERTIA_UNITS[unit]:.4g} if {rotor:.4g} {unit} were meant; seen from the link it is J N², "
-            "N the gear ratio"
-        )
+        advice = f"{rotor * INERTIA_UNITS[unit]:.4g} if {rotor:.4g} {unit} were meant; seen from the link it is J N², "
         ask(
             ratio > UNUSUAL[_kind_of_motor(robot, k)][0] and joint.name not in robot.rigid,
-            f"{file}: the motor of joint {joint.name!r} has {_times(ratio)} times the inertia of all that it moves.",
+            f"{file}: the motor of joint {joint.name!r} has {ratio:,.0f} times the inertia of all that it moves.",
             f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
             f"mass and inertia of the link behind it, of which {inertia:.2g} kg·m² is a placeholder; or "
             "rigid = true for this joint instead of [joint.spring]"
             if inertia < PLACEHOLDER
-            else advice,
+            else "that of the motor's data sheet: this one is an estimate"
+            if per_joint("motor_inertia", joint.name, n) in guessed
+            else f"{advice}N the gear ratio",
             ratio > UNUSUAL["wrist"][1],
         )
         ask(

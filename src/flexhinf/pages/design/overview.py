@@ -116,7 +116,7 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
         return None
     view, names, (low, high) = seen
     figure, ((axes,),) = panels(1, 1, HEIGHT)
-    drawn = 0
+    count = 0
     for k, place in enumerate(at):
         opacity = (k + 1) / len(at)
         for pose, style in (
@@ -127,8 +127,8 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
             (response.positions[place], {"color": SERIES[0], "linewidth": 3.2, "alpha": opacity}),
         ):
             for line in skeleton(robot, pose):
-                axes.plot(*(line @ view).T, **style, gid=f"pose-{drawn}")  # fades where the film is played
-                drawn += 1
+                axes.plot(*(line @ view).T, **style, gid=f"pose-{count}")  # fades where the film is played
+                count += 1
     joints = np.array([line[0] for line in skeleton(robot, response.positions[at[-1]])]) @ view
     axes.plot(*joints.T, "o", color=INK, markersize=4.0, gid="pose-joints")
     axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.8, linestyle=DOTTED, zorder=0)
