@@ -44,6 +44,7 @@ from flexhinf.pages.campaign_parts import (
     metric_text,
     missed_by,
     percent_change,
+    readable,
     percent_text,
     plant_text,
     replay_command,
@@ -169,7 +170,7 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         worst, unit = judged.worst(name), judged.table.unit(name)
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
-            value = ("never", "") if np.isinf(largest) else (largest, unit)
+            value = ("never", "") if np.isinf(largest) else readable(largest, unit)
             note = f"median {value_text(float(median), unit)}; sample {worst}"
             numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
     return numbers

@@ -88,7 +88,7 @@
       drawn.forEach((line, j) => line.setAttribute("points", lines[j][1][k].join(" ")));
       figure.classList.add("shown");
       slider.value = String(k);
-      clock.textContent = `${seconds[k].toFixed(2)} s${slower > 1 ? `, ${slower.toPrecision(2)} times slower` : ""}`;
+      clock.textContent = `${seconds[k].toFixed(2)} s${slower > 1.05 ? `, ${slower.toPrecision(2)} times slower` : ""}`;
       slider.setAttribute("aria-valuetext", clock.textContent);
     };
     let begun = null; // when the film would have begun, ms; null while it stands
