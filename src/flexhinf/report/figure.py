@@ -262,7 +262,6 @@ def legend(axes: Axes) -> None:
     )
 
 
-@house_style()
 @dataclass(frozen=True, eq=False)
 class Film:
     """Lines that move over a drawing.
@@ -282,6 +281,7 @@ class Film:
         return json.dumps(film, separators=(",", ":"), allow_nan=False)
 
 
+@house_style()
 def figure_to_svg(figure: Figure) -> str:
     """A figure as an SVG document; the same figure gives the same bytes, and no date is in them.
 
