@@ -286,6 +286,12 @@ def test_the_pd_beside_it(opened: Open) -> None:
     page.check("#rival")
     page.clock.run_for(200)
     assert abs(page.evaluate("livePage.simulation.states[1][0] - livePage.simulation.states[0][0]")) < 0.2
+    longest = "document.querySelector('#ours-status').textContent = 'an input or the arm swings while the goal rests'"
+    for width in (390, 1280, 1920):
+        page.set_viewport_size({"width": width, "height": 800})
+        before = page.evaluate("document.querySelector('#ours').getBoundingClientRect().top")
+        page.evaluate(longest)
+        assert page.evaluate("document.querySelector('#ours').getBoundingClientRect().top") == before
     tops = page.evaluate("""() => {
         document.querySelector("#rival-status").textContent = "a status that is long enough to wrap ".repeat(3);
         return ["#ours", "#theirs"].map((name) => document.querySelector(name).getBoundingClientRect().top);
