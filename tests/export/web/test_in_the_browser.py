@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from tests.browser import WINDOWS, kept, serious
 from tests.export.web.conftest import moving_live_arm, paper_live_arm
 
+import flexhinf.export.web as web
 from flexhinf.export.web import write_page
 
 pytestmark = pytest.mark.ci("Chromium")
@@ -286,12 +288,15 @@ def test_the_pd_beside_it(opened: Open) -> None:
     page.check("#rival")
     page.clock.run_for(200)
     assert abs(page.evaluate("livePage.simulation.states[1][0] - livePage.simulation.states[0][0]")) < 0.2
-    longest = "document.querySelector('#ours-status').textContent = 'an input or the arm swings while the goal rests'"
+    top = """(text) => { document.querySelector("#ours-status").textContent = text;
+        return document.querySelector("#ours").getBoundingClientRect().top; }"""
+    longest = re.search(
+        r'return "(an input or [^"]+)"', Path(web.__file__).with_name("page.js").read_text(encoding="utf-8")
+    )
+    assert longest
     for width in (390, 1280, 1920):
         page.set_viewport_size({"width": width, "height": 800})
-        before = page.evaluate("document.querySelector('#ours').getBoundingClientRect().top")
-        page.evaluate(longest)
-        assert page.evaluate("document.querySelector('#ours').getBoundingClientRect().top") == before
+        assert page.evaluate(top, longest[1]) == page.evaluate(top, "off")
     tops = page.evaluate("""() => {
         document.querySelector("#rival-status").textContent = "a status that is long enough to wrap ".repeat(3);
         return ["#ours", "#theirs"].map((name) => document.querySelector(name).getBoundingClientRect().top);
