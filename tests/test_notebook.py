@@ -139,3 +139,15 @@ def test_a_requirement_says_where_and_in_what_unit() -> None:
     line = Requirement("overshoot", 5.0, 3.0 * 1.1, "%", where="step, nominal robot")
     for text in (str(line), repr(line)):
         assert all(part in text for part in ("3.3 %", "5 %", "step, nominal", "met"))
+
+
+def test_controllers_filters_and_status_say_their_units_and_names() -> None:
+    filter = fh.ExtendedKalmanFilter(fh.paper_arm().plant(), 1e-3, 1e-6, 1e-8, np.zeros(4), 1e-4)
+    assert [each.split()[-1] for each in filter.summary()["process noise"].split(" per ")[0].split(",")] == [
+        "rad",
+        "rad/s",
+    ]
+    assert filter.summary()["measurement noise"].endswith(" rad")
+    assert str(fh.Status.SATURATION | fh.Status.BLOCKED) == "SATURATION, BLOCKED"
+    assert str(fh.Status(0)).replace(" ", "").isalpha()
+    assert f"{fh.Status.BLOCKED:d}" == "64"

@@ -12,11 +12,15 @@ from tests.store import command, source_digest
 _LOG = logging.getLogger(__name__)
 _PLACE = "<!-- made by the build: live pages -->"
 
-#: The arms: a title, and the design whose page is shown.
+#: The arms: a title, and the design whose page is shown. A robot file lies beside this one.
 ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "two-links": (
         "Two links, one controller for the whole workspace",
         ("planar-two-link", "--measured", "link_position,motor_position"),
+    ),
+    "six-joints": (
+        "Six joints in space, one controller for the whole workspace",
+        ("six-joints.toml", "--measured", "link_position,motor_position"),
     ),
     "paper": (
         "One link, lifted against gravity",
@@ -36,7 +40,8 @@ def missing() -> str:
 def make(folder: Path) -> list[str]:
     """Make the pages that are missing or old; the names of those that are there."""
     pages, stamp, made = folder / "live", folder / "digest", []
-    now = f"{source_digest()} {ARMS!r}"
+    files = [file.read_text(encoding="utf-8") for file in Path(__file__).parent.glob("*.toml")]
+    now = f"{source_digest()} {ARMS!r} {files!r}"
     if not stamp.exists() or stamp.read_text(encoding="utf-8") != now:
         shutil.rmtree(folder, ignore_errors=True)
     pages.mkdir(parents=True, exist_ok=True)
@@ -45,6 +50,8 @@ def make(folder: Path) -> list[str]:
         if not page.exists():
             shutil.rmtree(work, ignore_errors=True)
             work.mkdir(parents=True)
+            if words[0].endswith(".toml"):
+                shutil.copy(Path(__file__).with_name(words[0]), work)
             command(("design", *words), work)  # exit code 1 is a design too
             done = command(("export", "web", "flexhinf-design"), work)
             if done.code:
@@ -74,9 +81,10 @@ def text(made: list[str], page: str) -> str:
         said = [
             "## Try it here",
             "",
-            "The exported C of a controller and of its arm runs in this page. Pull the link.",
+            "The exported C of controllers and their arms runs here: left a design, right a stiff PD. Pull a link.",
         ]
-        return "\n".join([*said, "", *frame(made[0]), "More of them: [Live](live.md)."]) if made else ""
+        frames = [line for name in made[:2] for line in frame(name)]
+        return "\n".join([*said, "", *frames, "More of them: [Live](live.md)."]) if made else ""
     if not made:
         return "This build has no live pages, because clang or wasm-ld was not found when it was made."
     return "\n".join(line for name in made for line in (f"## {ARMS[name][0]}", "", *frame(name)))

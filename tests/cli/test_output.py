@@ -20,6 +20,7 @@ from tests.refusals import unnamed
 from flexhinf import cli
 from flexhinf.cli import commands, main, messages
 from flexhinf.design import design_schema
+from flexhinf.progress import time_left
 
 
 def _output(raw: io.BytesIO, encoding: str) -> io.TextIOWrapper:
@@ -134,10 +135,10 @@ class Bar(nullcontext[None]):
 
 def test_a_bar_says_how_long_the_rest_takes() -> None:
     """A quarter took 10 s, and the next step has run for 5 s: 25 s of 40 are left."""
-    assert unnamed(messages.time_left(0.25, 10.0, 15.0), "25 s") == []
-    assert unnamed(messages.time_left(0.25, 10.0, 60.0), "5 s") == []
-    assert unnamed(messages.time_left(0.1, 60.0, 60.0), "9 min") == []
-    assert messages.time_left(0.0, 0.0, 3.0) == messages.time_left(1.0, 9.0, 9.0) == ""
+    assert unnamed(time_left(0.25, 10.0, 15.0), "25 s") == []
+    assert unnamed(time_left(0.25, 10.0, 60.0), "5 s") == []
+    assert unnamed(time_left(0.1, 60.0, 60.0), "9 min") == []
+    assert time_left(0.0, 0.0, 3.0) == time_left(1.0, 9.0, 9.0) == ""
     with messages.progress_bar("Bar", "Left") as bar:
         task = bar.add_task("runs", total=4.0)
         bar.tasks[0].start_time = bar.get_time() - 10.0

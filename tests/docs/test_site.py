@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import flexhinf as fh
+from flexhinf.robot.kinematics import picture_axes
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +134,17 @@ def test_a_picture_keeps_the_width_that_its_letters_need(
     wide = drawings.legible(small.replace("8px", "20px"), {})
     assert "tabindex" not in wide
     assert "min-width: 220px" in wide
+
+
+def test_the_first_page_has_an_arm_of_two_joints_and_one_of_six_in_space(
+    website: Callable[[str], Any], repository: Path
+) -> None:
+    live, folder = website("live"), repository / "docs" / "website"
+    names = list(live.ARMS)[:2]
+    text = live.text(list(live.ARMS), "index")
+    assert re.findall(r'<iframe class="live" src="live/([\w-]+)\.html"', text) == names
+    files = [live.ARMS[name][1][0] for name in names]
+    robots = [fh.load_robot(folder / file if file.endswith(".toml") else file) for file in files]
+    assert [len(robot.joint_names) for robot in robots] == [2, 6]
+    seen = picture_axes(robots[1])
+    assert seen is None or not seen.planar

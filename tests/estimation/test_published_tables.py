@@ -1,6 +1,6 @@
 """Tables that others have published, to every digit that they print: plants that are maps.
 
-The numbers are those of the sources [nag2017; hipparchus2024; labbe2015]; no code is.
+The numbers are those of the sources [nag2019; hipparchus2024; labbe2015]; no code is.
 """
 
 from __future__ import annotations

@@ -74,6 +74,8 @@ def test_an_arm_s_numbers_are_found_from_wrong_ones(arm, found):
         assert low - (high - low) < middle < high + (high - low)
         assert found.standard_errors[name] < 1e-3 * middle
     assert found.noise["link_position"] == pytest.approx(1e-4, rel=0.1)
+    positions, torques = ("link_position", "motor_position"), ("link_torque", "motor_torque")
+    assert found.noise_units == dict.fromkeys(positions, "rad") | dict.fromkeys(torques, "N·m·√s")
     assert found.correlations.shape == (4, 4)
     np.testing.assert_allclose(np.diag(found.correlations), 1.0)
     better = fh.filter_log(found.filter(1e-3), log)

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.browser import WINDOWS, opened
+from tests.report.conftest import sample_page
+
+import flexhinf as fh
+from flexhinf.pages.arm_film import instants_of, two_arms
 
 pytestmark = pytest.mark.ci("a browser")
 
@@ -135,3 +141,35 @@ def test_a_page_is_readable_without_its_script(browser: Any, file: Path) -> None
 def test_the_script_runs_under_the_policy_of_the_page(browser: Any, file: Path) -> None:
     with opened(browser, file, bypass_csp=False) as page:
         assert page.locator("html.js").count() == 1
+
+
+def test_a_film_plays_where_its_poses_are_drawn(browser: Any, tmp_path: Path) -> None:
+    """Its last instant lies on the last pose of the drawing; the slider shows any other, and paper none."""
+    time = np.linspace(0.0, 1.0, 201)
+    arms = [("one", time[:, None] * [1.0, 0.5]), ("other", time[:, None] * [0.8, 0.7])]
+    figure = two_arms("arms", fh.load_robot("planar-two-link"), time, arms, "Two arms.", "Arms")
+    assert figure is not None
+    path = tmp_path / "film.html"
+    path.write_text(replace(sample_page(), lead=(figure,)).html(), encoding="utf-8")
+    places = """() => [[".film .series-1", "points"], ["[id$='-pose-one-3-0'] path", "d"]].map(
+      ([where, what]) => document.querySelector(where).getAttribute(what).match(/-?[\\d.]+/g).map(Number))"""
+    with opened(browser, path) as page:
+        assert page.inner_text("#figure-arms .player button") == "Play"
+        page.evaluate("""() => { const slider = document.querySelector(".player input");
+            slider.value = slider.max; slider.dispatchEvent(new Event("input")); }""")
+        played, drawn = page.evaluate(places)
+        assert played == pytest.approx(drawn, abs=0.2)
+        page.click("#figure-arms .player button")
+        page.wait_for_function("document.querySelector('.player button').textContent === 'Pause'")
+        page.wait_for_function("document.querySelector('.player button').textContent === 'Play'")
+        assert page.evaluate(places)[0] == played
+        page.emulate_media(media="print")
+        assert not page.locator("#figure-arms .player").is_visible()
+
+
+def test_a_film_ends_where_the_arm_rests_and_is_close_where_it_moves() -> None:
+    time = np.linspace(0.0, 20.0, 2001)
+    at = instants_of(time, np.minimum(time, 1.0)[:, None])
+    assert 0.95 < time[at[-1]] <= 1.0
+    assert len(at) > 50
+    assert list(instants_of(time, np.zeros((2001, 1)))) == [0]

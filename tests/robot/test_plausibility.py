@@ -45,6 +45,7 @@ def loaded(tmp_path, **changes):
         ({"motor": 3.3e6}, True, r"0.33 if 3.3e\+06 g·cm²"),
         ({"motor": 5000.0}, False, r"motor[\s\S]* 0\.5 .*5000 kg·cm²"),
         ({"motor": 450.0}, False, r"motor[\s\S]* 0\.045 .*450 kg·cm²"),
+        ({"motor": '{ value = 450.0, source = "estimate: a guess" }'}, False, r"1,818 [\s\S]*data sheet"),
         ({"motor": 1e-5}, False, r"rotor_inertia = 1e-05.*gear_ratio"),
         ({"limits": [-170.0, 170.0]}, True, r"degrees(.|\n)*-2\.9671 .* 2\.9671 rad"),
         ({"limits": [-31.4, 31.4]}, False, r"continuous"),

@@ -113,6 +113,7 @@ def test_a_figure_without_numbers_says_so_and_makes_none_up(browser: Any, addres
     page.goto(address)
     page.wait_for_function("window.drawnTexts.length >= 5")
     first = page.evaluate("window.drawnTexts.slice(0, 5)")
+    assert page.get_by_role("progressbar").count() == 1
     context.close()
     assert [text for text in first if re.search(r"\d", text)] == []
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from itertools import accumulate, dropwhile, islice, pairwise
+from itertools import dropwhile, islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from typer.exceptions import TyperException
 
 from flexhinf.errors import FlexhinfError
 from flexhinf.options import option_name, with_value
+from flexhinf.progress import Steps, time_left
 from flexhinf.validation import late_package
 
 if TYPE_CHECKING:
@@ -202,18 +203,6 @@ def _with_option(command: Any, path: str, option: str) -> list[str]:
     return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
 
 
-def time_left(share: float, at: float, now: float) -> str:
-    """How long some work will go on, of which a share was done `at` so many seconds, `now` later; "" if unknown."""
-    if not 0.0 < share < 1.0:
-        return ""
-    left = max(at / share - now, 0.0)
-    return (
-        f"about {5 * max(round(left / 5.0), 1)} s left"
-        if left < 90.0
-        else f"about {left / 60.0:.0f} min left"
-    )
-
-
 def progress_bar(*columns: str) -> Any:
     """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
     `rich.progress` by name, "Left" for the time that is left, then what is done."""
@@ -248,24 +237,18 @@ def step_progress(
     it are not needed, moves the bar there. `lines`: steps take long, so each gets a line where standard error is no
     terminal.
     """
-    known = [("", 1.0)] * steps if isinstance(steps, int) else [*steps]
-    ends = [0.0, *accumulate(part for _, part in known)]
+    work = Steps([("", 1.0)] * steps if isinstance(steps, int) else steps)
     bar = progress_bar(
-        *(("Bar", "TaskProgress", "TimeElapsed", "Left") if known else ("Spinner", "TimeElapsed"))
+        *(("Bar", "TaskProgress", "TimeElapsed", "Left") if work.known else ("Spinner", "TimeElapsed"))
     )
-    task, begun, place = bar.add_task("", total=ends[-1] or None), 0, 0
+    task, begun = bar.add_task("", total=work.total or None), 0
 
     def begin(text: str) -> None:
-        nonlocal begun, place
-        here = (
-            k for k in range(place, len(known)) if text.startswith(known[k][0]) or text.endswith(known[k][0])
-        )
-        if (found := next(here, None)) is not None:
-            place = found + 1
-        bar.update(task, completed=ends[max(place - 1, 0)], description=text)
+        nonlocal begun
+        bar.update(task, completed=work.begin(text), description=text)
         begun += 1
         if lines and bar.disable:
-            typer.echo(f"step {begun} of about {len(known)}: {text}", err=True)
+            typer.echo(f"step {begun} of about {len(work.known)}: {text}", err=True)
 
     with bar:
         yield begin
@@ -276,7 +259,7 @@ class ProofProgress(ExitStack):
 
     def __init__(self) -> None:
         super().__init__()
-        self._bar = self.enter_context(progress_bar("Bar", "TaskProgress", "TimeElapsed"))
+        self._bar = self.enter_context(progress_bar("Bar", "TaskProgress", "TimeElapsed", "Left"))
         self._task = self._bar.add_task("", total=None)
         self._text, self._cells = "", 0
 

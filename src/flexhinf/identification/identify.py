@@ -199,6 +199,15 @@ class Identification(Summarised):
         return dict(zip(names, np.concatenate(self.unknowns.noise_levels(self.found)).tolist(), strict=True))
 
     @property
+    def noise_units(self) -> dict[str, str]:
+        """Units of `noise`, by the same names: of a disturbance in N·m they are N·m·√s; empty where the plant states
+        none, and for the noise of a filter, whose level is a factor."""
+        plant, added = self.unknowns.plant, self.unknowns.noises.names
+        last = "" if plant.sampled else "·√s" if plant.disturbances else "/√s"
+        units = {name: plant.unit(name) for name in plant.outputs}
+        return units | {name: unit and f"{unit}{last}" for name in added for unit in [plant.unit(name)]}
+
+    @property
     def plant(self) -> Plant:
         """The plant with these numbers."""
         return self.unknowns.at(self.found)
@@ -239,11 +248,8 @@ class Identification(Summarised):
             interval = f"95 %: {ends[0]:.5g} to {ends[1]:.5g}"
             between = f" ({'not told by the log' if name in self.hidden else interval})"
             rows[name] = number_text(value, number.unit) + between
-        plant = self.unknowns.plant
-        units = {name: plant.unit(name) for name in plant.outputs}  # those of disturbances are in `noise`
-        rows |= {
-            f"noise of {name}": number_text(value, units.get(name, "")) for name, value in self.noise.items()
-        }
+        units = self.noise_units
+        rows |= {f"noise of {name}": number_text(value, units[name]) for name, value in self.noise.items()}
         rows |= {f"not identifiable, {k + 1}": each.text for k, each in enumerate(self.unidentifiable)}
         if not self.consistent:
             rows["the model does not fit the log"] = "numbers may be wrong by more than their intervals"

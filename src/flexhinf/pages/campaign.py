@@ -20,8 +20,15 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
-from flexhinf.design.campaign_folder import GainResults, stored_campaign, stored_gains, verdict_of
+from flexhinf.design.campaign_folder import (
+    GainResults,
+    stored_campaign,
+    stored_gains,
+    stored_request,
+    verdict_of,
+)
 from flexhinf.loop import Trajectory
+from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.campaign_parts import (
     METRIC_LABELS,
     NO_LIMIT,
@@ -39,6 +46,7 @@ from flexhinf.pages.campaign_parts import (
     percent_change,
     percent_text,
     plant_text,
+    readable,
     replay_command,
     sample_changes,
     share_text,
@@ -111,12 +119,12 @@ def write_campaign(
             Section("Success", _success(judged), "success"),
             Section("Worst case", _worst_case(judged, cases, plant_run), "worst-case"),
             Section("Worst disturbance", _worst_disturbance(judged, gains), "worst-disturbance"),
-            Section("Signals", _signals(judged), "signals"),
+            Section("Signals", [*_signals(judged), *_arms(judged)], "signals"),
             Section("Metrics", _metrics(judged), "metrics"),
             Section("What matters", _sensitivities(judged), "sensitivity"),
             Section("Failures", _failures(judged), "failures"),
         )
-    lead, sections = first_screen(parts, ("signals", "metrics"), ("success", "worst-case"))
+    lead, sections = first_screen(parts, ("signals", "arms"), ("success", "worst-case"))
     runs = "moves between random goals" if "goals" in settings else f"loops of {settings['duration']} s"
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
@@ -162,7 +170,7 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         worst, unit = judged.worst(name), judged.table.unit(name)
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
-            value = ("never", "") if np.isinf(largest) else (largest, unit)
+            value = ("never", "") if np.isinf(largest) else readable(largest, unit)
             note = f"median {value_text(float(median), unit)}; sample {worst}"
             numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
     return numbers
@@ -448,6 +456,27 @@ def _signals(judged: CampaignJudgement) -> list[Any]:
         f"Bottom: {labels[-1][0]} close to where it ends.",
     ]
     return [figure_block("signals", figure, caption, "Signals")]
+
+
+def _arms(judged: CampaignJudgement) -> list[Any]:
+    """The arm of the worst sample beside that of the middle one, in the same run."""
+    worst = judged.worst_of_all
+    if worst is None:
+        return []
+    campaign, journal = stored_campaign(judged.table.journal.folder)
+    robot, values = stored_request(journal).request.robot, judged.column(judged.main)
+    middle = int(np.argsort(values)[len(values) // 2])
+    runs = [campaign.replay(sample) for sample in (worst, middle)]
+    count, n = min(len(run.time) for run in runs), len(robot.joint_names)
+    links = [np.asarray(run.signals["state"])[:count, :n] for run in runs]
+    if middle == worst or count < 2 or not all(np.isfinite(each).all() for each in links):
+        return []
+    names = (f"sample {worst}, the worst", f"sample {middle}, the median")
+    says = f"The links of the worst sample and of that with the median {metric_text(judged.main)}, in their runs."
+    figure = two_arms(
+        "arms", robot, runs[0].time[:count], list(zip(names, links, strict=True)), says, "The arms"
+    )
+    return [] if figure is None else [figure]
 
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:

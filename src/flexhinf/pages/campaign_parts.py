@@ -87,6 +87,9 @@ SPREAD = {
 #: Numbers of a sample that are listed.
 LISTED = 4
 
+#: Angles, rad, and distances, m, below this are shown in mrad and mm.
+SMALL = 0.1
+
 #: Time limits beyond this are no limits: the run only has to get there.
 NO_LIMIT = 1e8
 
@@ -113,7 +116,13 @@ def interval_text(interval: Interval) -> str:
 
 def value_text(value: float, unit: str) -> str:
     """A number with its unit; infinity is a time that is never reached."""
+    value, unit = readable(value, unit)
     return "never" if np.isinf(value) else f"{number(value, 3)} {unit}".strip()
+
+
+def readable(value: float, unit: str) -> tuple[float, str]:
+    """A value and its unit as pages of designs have them: small angles in mrad, small distances in mm."""
+    return (1e3 * value, f"m{unit}") if unit in ("rad", "m") and 0.0 < abs(value) < SMALL else (value, unit)
 
 
 def limit_text(requirement: Requirement, unit: str) -> str:

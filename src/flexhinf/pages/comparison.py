@@ -19,7 +19,7 @@ from flexhinf.design.tuning import (
     ranked,
 )
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
-from flexhinf.pages.comparison_figures import ranking_figure, responses_figure, trade_off_figure
+from flexhinf.pages.comparison_figures import arms_of, ranking_figure, responses_figure, trade_off_figure
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
     count_text,
@@ -199,7 +199,7 @@ def comparison_page(
             *_status(comparison, said[0], verdict),
             Status("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
         ],
-        list(map(_whole, said[1:])), [ranking_figure(comparison, ordered)],
+        list(map(_whole, said[1:])), [ranking_figure(comparison, ordered), *arms_of(comparison, ordered)],
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from flexhinf.design.laws import DESIGN, NL_HINF, is_hinf
 from flexhinf.design.pipeline import Comparison
 from flexhinf.design.tuning import RATIOS, TunedLaw, pareto_front
+from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.drawing import (
     DASHED,
     Line,
@@ -149,6 +150,29 @@ def responses_figure(comparison: Comparison) -> Figure:
 
 
 @house_style()
+def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> list[Figure]:
+    """The arm during the step, under the design and under its best rival; none where one of them has no such run."""
+    own = comparison.own.evaluation
+    others = [law for law, _ in laws if law.evaluation is not None and not is_hinf(law.name)]
+    if own is None or not others:
+        return []
+    rival = others[0]
+    assert rival.evaluation is not None
+    runs = [own.step, rival.evaluation.step]
+    if any(run.diverged_at is not None for run in runs):
+        return []
+    count = min(len(run.positions) for run in runs)
+    figure = two_arms(
+        "arms",
+        comparison.robot,
+        own.step.run.time[:count],
+        [(DESIGN, own.step.positions[:count]), (rival.name, rival.evaluation.step.positions[:count])],
+        f"The links during the step under the design and under {rival.name}, the best rival by the criterion.",
+        "The arm under both laws",
+    )
+    return [] if figure is None else [figure]
+
+
 def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
     """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
 

@@ -295,15 +295,14 @@ def identified_ending(result: IdentifiedRobot, notes: Sequence[str] = ()) -> End
 
 def noise_table(result: IdentifiedRobot) -> Table:
     """Levels of the noises that were found beside."""
-    plant, rows = result.found.plant, []
-    for name, level in result.found.noise.items():
-        measured = name in plant.outputs
-        unit = plant.unit(name) if measured else f"{plant.unit(name)}·√s"
+    found, rows = result.found, []
+    for name, level in found.noise.items():
+        measured = name in found.plant.outputs
         rows.append(
             (
                 signal_label(name),
                 "measurement" if measured else "disturbance",
-                f"{number(level, 3)} {unit}",
+                f"{number(level, 3)} {found.noise_units[name]}".rstrip(),
             )
         )
     return Table(
@@ -550,6 +549,7 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
                 for each in found.unidentifiable
             ],
             "noise": found.noise,
+            "noise_units": found.noise_units,
             "motion": None
             if result.motion is None
             else {

@@ -16,6 +16,7 @@ from flexhinf.design.workspace.comparison import (
     ComparedController,
     WorkspaceComparison,
 )
+from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.drawing import Line, Panel, count_text, draw_figure, joint_count, line_style, listed
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import loop_rows, robot_rows, settings_in_groups
@@ -242,6 +243,28 @@ def _figure(comparison: WorkspaceComparison) -> Any:
     return draw_figure("laws", [panel], caption, "Errors along the moves")
 
 
+def _arms(comparison: WorkspaceComparison) -> list[Any]:
+    """The arm in the move of the nominal robot in which a rival errs most, under the design and under that rival."""
+    own = comparison.own.judged
+    rows = [row for row in comparison.compared if row.judged is not None and row is not comparison.own]
+    if own is None or not rows:
+        return []
+    rival = rows[0]
+    assert rival.judged is not None
+    errors = [row["tracking_error"] for row in worst_motion(rival.judged.moves)]
+    worst = int(np.argmax(np.nan_to_num(np.array(errors, dtype=float), nan=-1.0)))
+    runs = [judged.moves[worst].response for judged in (own, rival.judged)]
+    if any(run.diverged_at is not None for run in runs):
+        return []
+    count = min(len(run.positions) for run in runs)
+    pairs = list(zip((comparison.own.name, rival.name), (run.positions[:count] for run in runs), strict=True))
+    says = f"The links in the same move, that with the largest error of {rival.name}."
+    figure = two_arms(
+        "arms", comparison.robot, runs[0].run.time[:count], pairs, says, "The arm under both laws"
+    )
+    return [] if figure is None else [figure]
+
+
 def laws_notes(comparison: WorkspaceComparison) -> list[str]:
     """What was not compared, and why."""
     return [
@@ -286,7 +309,7 @@ def laws_page(
             ),
             Section("Every requirement of every law", (_requirement_rows(comparison),), "requirements", True),
         ]
-        lead = [_figure(comparison)]
+        lead = [_figure(comparison), *_arms(comparison)]
     return Page(
         f"Control laws compared over the workspace of {robot.name}",
         f"{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. {count} over "

@@ -45,6 +45,18 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
         setattr(cls, form, vars(base)[form])
 
 
+def _deviations(covariance: np.ndarray, names: Sequence[str], plant: Plant) -> str:
+    """Standard deviations of signals, of each unit from the smallest to the largest."""
+    found: dict[str, list[float]] = {}
+    for name, size in zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True):
+        found.setdefault(plant.unit(name), []).append(size)
+    texts = [
+        f"{' to '.join(dict.fromkeys(f'{end(sizes):.3g}' for end in (min, max)))} {unit}".rstrip()
+        for unit, sizes in found.items()
+    ]
+    return f"standard deviation {', '.join(texts)}"
+
+
 class Numbered(Summarised):
     """Base of objects with a number of their own in this process, for keys of their code; copies have another."""
 
@@ -280,16 +292,13 @@ class Estimator(Numbered):
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
-        noises: list[str] = []
-        for covariance in (self.process_noise, self.measurement_noise):
-            ends = [f"{end(np.sqrt(np.diag(covariance))):.3g}" for end in (np.min, np.max)]
-            noises.append(f"standard deviation {' to '.join(dict.fromkeys(ends))}")
+        plant = self.plant
         return {
             "states": names_text(tuple(self.plant.states)),
             "measured": names_text(tuple(self.plant.outputs)),
             "period": number_text(self.period, "s"),
-            "process noise": f"{noises[0]} per sample",
-            "measurement noise": noises[1],
+            "process noise": f"{_deviations(self.process_noise, plant.states, plant)} per sample",
+            "measurement noise": _deviations(self.measurement_noise, plant.outputs, plant),
         }
 
     # To be written --------------------------------------------------------------------------------

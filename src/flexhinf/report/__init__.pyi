@@ -26,6 +26,7 @@ from .figure import (
     MUTED as MUTED,
     SERIES as SERIES,
     WIDTH as WIDTH,
+    Film as Film,
     figure_to_svg as figure_to_svg,
     house_style as house_style,
     label as label,

@@ -23,7 +23,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
-from flexhinf.report.figure import LIGHT
+from flexhinf.report.figure import LIGHT, Film
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
@@ -265,12 +265,13 @@ class Bullets(Block):
 @dataclass(frozen=True)
 class Figure(Anchored):
     """A drawing, as `flexhinf.report.figure_to_svg` writes it, with its caption, an anchor (``figure-03``) and a label
-    (``Figure 3``)."""
+    (``Figure 3``); with a `film` the page can play it."""
 
     id: str
     svg: str
     caption: str
     label: str = ""
+    film: Film | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -286,9 +287,10 @@ class Figure(Anchored):
     def html(self) -> str:
         """The figure as HTML, the drawing inside it."""
         label = f"<strong>{escape(self.label)}.</strong> " if self.label else ""
+        film = "" if self.film is None else f' data-film="{escape(self.film.text())}"'
         drawing = _inline(self.svg, self.id, f"{self.id}-caption")
         return (
-            f'<figure id="{self.id}"><div class="drawing">{drawing}</div>'
+            f'<figure id="{self.id}"{film}><div class="drawing">{drawing}</div>'
             f'<figcaption id="{self.id}-caption">{label}{prose(self.caption)}</figcaption></figure>'
         )
 

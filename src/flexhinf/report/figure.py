@@ -9,12 +9,14 @@ Matplotlib's object interface is used, and only when a figure is drawn: importin
 from __future__ import annotations
 
 import io
+import json
 import re
 import textwrap
 import warnings
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -258,6 +260,25 @@ def legend(axes: Axes) -> None:
         columnspacing=1.0,
         handletextpad=0.5,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Lines that move over a drawing.
+
+    `seconds`: instants (N,), s. `lines`: for each the number of the series whose colour it has, and its points
+    (N, k, 2) in the units of the drawing, to the right and down.
+    """
+
+    seconds: np.ndarray
+    lines: tuple[tuple[int, np.ndarray], ...]
+
+    def text(self) -> str:
+        """The film as JSON, with tenths of a point."""
+        count = len(self.seconds)
+        lines = [[series, np.reshape(points, (count, -1)).round(1).tolist()] for series, points in self.lines]
+        film = {"seconds": self.seconds.round(4).tolist(), "lines": lines}
+        return json.dumps(film, separators=(",", ":"), allow_nan=False)
 
 
 @house_style()

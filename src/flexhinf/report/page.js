@@ -71,6 +71,52 @@
   addEventListener("resize", scrollers);
   scrollers();
 
+  // A film: lines that move over a drawing, by a button or a slider. It lasts two seconds or longer.
+  for (const figure of all("figure[data-film]")) {
+    const { seconds, lines } = JSON.parse(figure.dataset.film), last = seconds.length - 1, whole = seconds[last] - seconds[0];
+    const drawing = figure.querySelector("svg"), layer = document.createElementNS(drawing.namespaceURI, "g");
+    const button = document.createElement("button"), slider = document.createElement("input"), clock = document.createElement("span");
+    const slower = Math.max(1, 2 / whole), drawn = lines.map(([series]) => {
+      const line = document.createElementNS(drawing.namespaceURI, "polyline");
+      line.setAttribute("class", `series-${series}`);
+      layer.append(line);
+      return line;
+    });
+    layer.setAttribute("class", "film");
+    drawing.append(layer);
+    const show = (k) => {
+      drawn.forEach((line, j) => line.setAttribute("points", lines[j][1][k].join(" ")));
+      figure.classList.add("shown");
+      slider.value = String(k);
+      clock.textContent = `${seconds[k].toFixed(2)} s${slower > 1.05 ? `, ${slower.toPrecision(2)} times slower` : ""}`;
+      slider.setAttribute("aria-valuetext", clock.textContent);
+    };
+    let begun = null; // when the film would have begun, ms; null while it stands
+    const stop = () => { begun = null; button.textContent = "Play"; };
+    const step = (now) => {
+      if (begun === null) return;
+      const passed = (now - begun) / 1e3 / slower, k = seconds.findLastIndex((t) => t - seconds[0] <= passed);
+      show(Math.max(0, k));
+      if (k >= last) stop(); else requestAnimationFrame(step);
+    };
+    button.addEventListener("click", () => {
+      if (begun !== null) return stop();
+      const from = Number(slider.value) >= last ? 0 : Number(slider.value);
+      begun = performance.now() - 1e3 * slower * (seconds[from] - seconds[0]);
+      button.textContent = "Pause";
+      requestAnimationFrame(step);
+    });
+    slider.addEventListener("input", () => { stop(); show(Number(slider.value)); });
+    Object.assign(button, { type: "button", textContent: "Play" });
+    Object.assign(slider, { type: "range", min: "0", max: String(last), step: "1", value: String(last) });
+    slider.setAttribute("aria-label", "Time in the move");
+    clock.textContent = `moves for ${whole.toFixed(2)} s`;
+    const player = document.createElement("div");
+    player.className = "player";
+    player.append(button, slider, clock);
+    figure.querySelector("figcaption").before(player);
+  }
+
   // A figure fills the window until it is clicked again or Escape is pressed.
   const large = document.querySelector("dialog.large"), stage = large.querySelector(".stage");
   let home = null;

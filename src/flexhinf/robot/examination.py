@@ -23,6 +23,9 @@ from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.robot_file import load_robot
 
+#: Share of the largest weight below which one is an error of rounding.
+ROUNDING = 1e-12
+
 #: Poses at which weights and vibrations are looked at, and their seed.
 POSES, SEED = 60, 0
 
@@ -209,6 +212,7 @@ def joint_facts(robot: Robot) -> list[JointFacts]:
     numbers = robot.plant_parameters()
     p = Parameters(numbers)
     weights = np.abs(robot.links.gravity_torque(poses.T, Parameters(robot.heaviest))).max(axis=1)
+    weights[weights < ROUNDING * weights.max()] = 0.0  # an axis that gravity does not turn
     seen: dict[str, list[float]] = {name: [] for name in robot.joint_names}
     for pose in poses[:: max(1, POSES // 12)]:
         for mode in robot.modes(pose):

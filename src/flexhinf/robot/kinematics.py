@@ -557,6 +557,7 @@ def check_load(robot: Robot, file: str) -> None:
     load = "own weight and its payload's" if any(mass.value for mass in payloads) else "own weight"
     inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
     stiffness = robot.layout.motors(np.full(n, np.inf), np.atleast_1d(p.stiffness))
+    guessed = {each.name for each in robot.parameters if each.estimated}
     for k, (joint, weight, inertia, motor, spring) in enumerate(
         zip(joints, weights, inertias, motors, stiffness)
     ):
@@ -575,11 +576,13 @@ def check_load(robot: Robot, file: str) -> None:
         advice = f"{rotor * INERTIA_UNITS[unit]:.4g} if {rotor:.4g} {unit} were meant; seen from the link it is J N², "
         ask(
             ratio > UNUSUAL[_kind_of_motor(robot, k)][0] and joint.name not in robot.rigid,
-            f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
+            f"{file}: the motor of joint {joint.name!r} has {ratio:,.0f} times the inertia of all that it moves.",
             f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
             f"mass and inertia of the link behind it, of which {inertia:.2g} kg·m² is a placeholder; or "
             "rigid = true for this joint instead of [joint.spring]"
             if inertia < PLACEHOLDER
+            else "that of the motor's data sheet: this one is an estimate"
+            if per_joint("motor_inertia", joint.name, n) in guessed
             else f"{advice}N the gear ratio",
             ratio > UNUSUAL["wrist"][1],
         )

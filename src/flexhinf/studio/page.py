@@ -12,8 +12,10 @@ from typing import Any
 from nicegui import Client, core, ui
 from numpy.typing import ArrayLike
 
+from flexhinf.design.pipeline import stages
 from flexhinf.design.responses import Response
 from flexhinf.errors import FlexhinfError
+from flexhinf.progress import Steps, time_left
 from flexhinf.studio import controls, drawing
 from flexhinf.studio.controls import CONTROLS, Control
 from flexhinf.studio.elements import ArmView, ControlRow, LiveFigure, mark_chosen, plain_button
@@ -32,6 +34,7 @@ class StudioPage:
         assert core.loop is not None, "the page is built on the event loop"
         self.loop = core.loop
         self.joint, self.state, self.revision, self.requested_at = 0, "", 0, 0.0
+        self.steps, self.doing, self.begun = Steps(()), "", (0.0, 0.0)  # share and time of the present step
         self.took = 0.0  # by the last change until all was shown, s
         self.seconds: dict[str, float] = {}
         self._build()
@@ -121,6 +124,10 @@ class StudioPage:
             ui.element("div").props('role=group aria-label="Estimated state"').classes("studio-files")
         )
         self.status = ui.label().classes("studio-status").props("data-testid=status")
+        self.bar = ui.linear_progress(0.0, show_value=False).props(
+            'aria-label="Share of the work that is done"'
+        )
+        ui.timer(1.0, self._tell)
 
     def _figures(self) -> None:
         self.arm = ArmView("Arm")
@@ -265,9 +272,25 @@ class StudioPage:
         """Ask for the design as it is now; an earlier request that is under way is dropped."""
         self.revision += 1
         self.requested_at = time.perf_counter()
-        self.status.text = f"computing{self._usual()} …"
+        self.steps, self.doing, self.begun = self._steps(), "", (0.0, 0.0)
+        self.bar.visible, self.bar.value = True, 0.0
+        self._tell()
         revision = self.revision
         self.previews.submit(self, self.session.preview, lambda result: self._deliver(result, revision))
+
+    def _steps(self) -> Steps:
+        """The work steps of the design as it is asked for; none where it cannot be designed, which the worker says."""
+        with suppress(FlexhinfError):
+            return Steps(stages(self.session.robot, self.session.specification))
+        return Steps(())
+
+    def _tell(self) -> None:
+        """Say what is computed and how long it will take, as long as something is."""
+        if self.bar.visible:
+            now, (share, at) = time.perf_counter() - self.requested_at, self.begun
+            left = time_left(share, at, now)
+            doing, expected = self.doing and f": {self.doing}", f", {left}" if left else self._usual()
+            self.status.text = f"computing{doing}{expected} …"
 
     def _usual(self) -> str:
         """How long the last change took, as long as the present one will take."""
@@ -286,11 +309,15 @@ class StudioPage:
                 self._say(result.text)
             elif isinstance(result, Begun):
                 if revision == self.revision:
-                    self.status.text = f"computing: {result.text}{self._usual()} …"
+                    share = self.steps.begin(result.text) / max(self.steps.total, 1e-9)
+                    self.doing, self.begun = result.text, (share, time.perf_counter() - self.requested_at)
+                    self.bar.value = share
+                    self._tell()
             elif isinstance(result, FlexhinfError):
                 self._refuse(result)
                 if revision == self.revision:
                     self._outdated(True)
+                    self.bar.visible = False
                     self.status.text = "not computed; grey: the last good result"
             elif isinstance(result, Replay):
                 self._show_replay(result)
@@ -312,6 +339,7 @@ class StudioPage:
         else:
             self._show_linear(stage)
         self._show_tiles()
+        self.bar.visible = False
         parts = ", ".join(f"{part} {1e3 * spent:.0f} ms" for part, spent in self.seconds.items())
         total = time.perf_counter() - self.requested_at
         self.took = total if name == "linear" else self.took

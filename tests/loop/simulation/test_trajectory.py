@@ -248,7 +248,7 @@ def test_what_a_notebook_shows(run, made):
     for shown in (controller, loop, controller.estimator, controller.law):
         assert len(repr(shown)) < 600
         assert "<table" in shown._repr_html_()
-    assert "saturation: -14 to 14" in repr(controller)
+    assert "saturation: -14 to 14 V" in repr(controller)
     assert "3 samples" in repr(loop)  # with that of the latency
 
 

@@ -32,6 +32,9 @@ function fitted(canvas) {
   return { context, width, height };
 }
 
+const MARGIN = 0.12; // of the reach, about what is shown at first
+const WAY = 8; // poses between start and goal that are shown
+
 class View {
   constructor(simulation) {
     this.simulation = simulation;
@@ -45,22 +48,37 @@ class View {
     this.measure();
   }
 
-  // How far the arm reaches at poses within its ranges: from the middle on the screen, sideways, up and down, m.
+  // How far the arm reaches at poses within its ranges, from the middle on the screen, m; and what is shown at first.
   measure() {
-    const { settings: s, simulation: sim } = this, random = randomNumbers(1), up = this.up;
+    const { settings: s, simulation: sim } = this, random = randomNumbers(1);
     this.origin = this.planar ? sim.frames(s.start)[0].at : [0, 0, 0];
-    let side = 0, top = 0, bottom = 0;
+    this.reach = 0;
     for (let k = 0; k < 200; k++) {
       const pose = k ? s.low.map((low, j) => low + random() * (s.high[j] - low)) : s.start;
-      for (const p of skeleton(s, sim.frames(pose)).flat()) {
-        const away = minus(p, this.origin), height = dot(away, up);
-        top = Math.max(top, height);
-        bottom = Math.min(bottom, height);
-        side = Math.max(side, length(minus(away, times(up, height))));
-      }
+      for (const p of skeleton(s, sim.frames(pose)).flat()) this.reach = Math.max(this.reach, length(minus(p, this.origin)));
     }
-    if (this.planar) side = top = -(bottom = -Math.max(side, top, -bottom));
-    Object.assign(this, { side, highest: top, lowest: bottom, reach: Math.max(side, top, -bottom) });
+    this.begin();
+  }
+
+  // The way from start to goal is shown, with a margin; a pose beyond it later adds to what is shown.
+  begin() {
+    const { settings: s } = this, least = this.planar ? 0 : 0.18 * this.reach; // the ring on the ground
+    this.shown = { left: least, right: least, above: 0, below: 0 };
+    for (let k = 0; k <= WAY; k++) this.include(s.start.map((q, j) => q + (k / WAY) * (s.goal[j] - q)));
+    for (const side of Object.keys(this.shown)) this.shown[side] += MARGIN * this.reach;
+  }
+
+  include(pose) {
+    const { shown } = this;
+    for (const p of skeleton(this.settings, this.simulation.frames(pose)).flat()) {
+      const away = minus(p, this.origin), height = dot(away, this.up);
+      const aside = this.planar ? dot(away, this.right) : length(minus(away, times(this.up, height)));
+      if (!Number.isFinite(aside + height)) return;
+      shown.right = Math.max(shown.right, aside);
+      shown.left = Math.max(shown.left, this.planar ? -aside : aside); // a spatial view turns
+      shown.above = Math.max(shown.above, height);
+      shown.below = Math.max(shown.below, -height);
+    }
   }
 
   orient() {
@@ -72,16 +90,27 @@ class View {
     this.top = add(times(this.up, Math.cos(e)), times(away, Math.sin(e)));
   }
 
+  // What is shown, from the middle to the left, the right, up and down on the screen, m.
+  box() {
+    const { left, right, above, below } = this.shown;
+    if (this.planar) return [left, right, above, below];
+    const flat = left * Math.sin(Math.abs(this.elevation)), tall = Math.cos(this.elevation);
+    return [left, right, above * tall + flat, below * tall + flat];
+  }
+
+  // Width over height of a canvas that is filled.
+  aspect() {
+    const [left, right, above, below] = this.box();
+    return (left + right) / (above + below);
+  }
+
   // Sizes of a canvas on the screen; called before anything is drawn on it.
   fit(canvas) {
-    const { context, width, height } = fitted(canvas);
+    const { context, width, height } = fitted(canvas), [left, right, above, below] = this.box();
     Object.assign(this, { width, height });
-    // a box of the arm's reach, seen from above by the angle of elevation
-    const tilt = this.planar ? 0 : Math.abs(this.elevation), flat = this.side * Math.sin(tilt), tall = Math.cos(tilt);
-    const above = this.highest * tall + flat, below = flat - this.lowest * tall;
     // The ring of the goal, 13 px from its middle to its edge, stays within narrow pictures too.
-    this.scale = Math.min(Math.min(0.46 * width, width / 2 - 13) / this.side, Math.min(0.93 * height, height - 26) / (above + below));
-    this.middle = [width / 2, height / 2 + (0.5 * this.scale * (above - below))];
+    this.scale = Math.min((width - 26) / (left + right), (height - 26) / (above + below));
+    this.middle = [0.5 * (width + this.scale * (left - right)), 0.5 * (height + this.scale * (above - below))];
     return context;
   }
 
@@ -201,6 +230,7 @@ class ArmDrawing {
     if (s.commanded) this.goal(context, state, palette);
     if (!sim.lost(arm)) {
       const pose = sim.links(arm);
+      view.include(pose);
       context.globalAlpha = sim.pairs ? 0.5 : 1;
       for (const line of this.lines(pose)) stroke(context, line, own, thick);
       context.globalAlpha = 1;

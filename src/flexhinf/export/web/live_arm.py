@@ -68,12 +68,13 @@ LONGER = 40
 
 #: What a page says about each PD.
 TUNED_NOTE = (
-    "This PD is tuned to this arm and knows how the arm accelerates. On smooth moves both follow alike; press "
-    "“Fast move, stiff PD” for a move that twists the springs."
+    "This PD is tuned to this arm and knows how the arm accelerates. On smooth moves both follow alike; fast moves "
+    "twist the springs."
 )
 STIFF_NOTE = (
     "This PD holds its motors stiffly ({:.3g} rad/s, damping ratio {:.2g}) and knows the weight, not the acceleration. "
-    "Its motors follow the fast move, and the links swing on their springs. Reset brings the tuned PD back."
+    "Its motors follow the fast move, and the links swing on their springs. Smooth moves have a PD that is tuned to "
+    "this arm: there both follow alike."
 )
 
 #: Random poses of a workspace at which the PD is tuned, beside start and goal, and their seed; joints up to which it is

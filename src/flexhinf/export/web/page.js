@@ -3,6 +3,7 @@
 const SHOWN = 8; // seconds in the plots
 const CHUNK = 4e-3; // seconds between two samples of the plots
 const WIDEST = 0.35; // rad, to which wind-ups are enlarged
+const FIRST = 0.5; // s, when the first move begins
 const BUSY = 0.6; // share of the time that computing may take before perturbed arms are left out
 const element = (id) => document.getElementById(id);
 
@@ -23,12 +24,13 @@ class Page {
     this.view = new View(simulation);
     this.ours = new ArmDrawing(this.view, element("ours"), 0, "ours");
     this.theirs = new ArmDrawing(this.view, element("theirs"), 1, "rival");
+    for (const drawing of [this.ours, this.theirs]) drawing.canvas.style.aspectRatio = String(this.view.aspect());
     this.goal = [...settings.goal];
     this.joint = 0;
     this.running = false;
     this.speed = 1;
     this.due = 0; // seconds that are still to be computed
-    this.wanderAt = 1;
+    this.wanderAt = FIRST;
     this.ghosts = 0; // perturbed pairs that are asked for
     this.load = 0;
     this.frames = 0;
@@ -91,12 +93,9 @@ class Page {
     element("pause").addEventListener("click", () => this.run(!this.running));
     element("reset").addEventListener("click", () => this.reset());
     element("push").addEventListener("click", () => this.push());
-    element("fast").addEventListener("click", () => this.fast());
+    element("moves").addEventListener("change", () => this.chooseMoves());
     element("speed").addEventListener("change", (event) => (this.speed = Number(event.target.value)));
-    element("wander").addEventListener("change", () => {
-      this.wanderAt = this.simulation.time;
-      this.setStiff(false);
-    });
+    element("wander").addEventListener("change", () => (this.wanderAt = this.simulation.time));
     element("ghosts").addEventListener("change", (event) => this.setGhosts(event.target.checked ? this.wantedGhosts : 0));
     element("rival").addEventListener("change", (event) => {
       this.simulation.pdOn = event.target.checked;
@@ -260,7 +259,7 @@ class Page {
   }
 
   noCommand() {
-    element("fast").hidden = element("rival-note").hidden = true;
+    element("rival-note").hidden = element("moves").closest("label").hidden = true;
     element("goals").replaceChildren(made("legend", {}, "Goal"), made("p", { class: "hint" }, "This controller takes no command: it holds one pose."));
     element("wander").closest("label").hidden = true;
     element("wander").checked = false;
@@ -294,16 +293,21 @@ class Page {
     this.goal = pose.map((q, j) => Math.max(this.s.low[j], Math.min(this.s.high[j], q)));
     if (own) element("wander").checked = false;
     this.goalSliders.forEach((control, j) => control.set(this.angle[j][1] * this.goal[j]));
+    this.view.include(this.goal);
     this.simulation.goTo(this.goal, fast);
   }
 
-  // To and fro as fast as springs vibrate, beside a PD that holds its motors stiffly.
-  fast() {
-    const far = (pose) => Math.max(...pose.map((q, j) => Math.abs(q - this.goal[j]) / this.s.travel[j]));
-    this.setStiff(true);
-    this.setGoal(far(this.s.goal) > far(this.s.other) ? this.s.goal : this.s.other, true, this.s.fast);
+  // To and fro as fast as springs vibrate, beside a PD that holds its motors stiffly; or smoothly, beside the tuned PD.
+  chooseMoves() {
+    this.setStiff(this.fast());
+    this.wanderAt = this.simulation.time;
+    element("wander").checked = true;
     if (!element("rival").checked) element("rival").click();
     if (!this.running) this.run(true);
+  }
+
+  fast() {
+    return this.s.commanded && element("moves").value === "fast";
   }
 
   setStiff(on) {
@@ -336,13 +340,14 @@ class Page {
   reset() {
     this.simulation.pushed.fill(0);
     this.simulation.reset(this.s.start);
+    this.view.begin();
     this.history.clear();
-    this.wanderAt = 1;
+    this.wanderAt = FIRST;
     this.goal = [...this.s.start];
     this.goalSliders.forEach((control, j) => control.set(this.angle[j][1] * this.goal[j]));
     this.factor = this.s.magnified;
     this.showFactor();
-    this.setStiff(false);
+    this.setStiff(this.fast());
     this.record();
   }
 
@@ -475,8 +480,9 @@ class Page {
   wander() {
     if (!element("wander").checked || this.simulation.time < this.wanderAt) return;
     const there = this.goal.every((q, j) => Math.abs(q - this.s.goal[j]) < 1e-9);
-    this.setGoal(there ? this.s.other : this.s.goal, false);
-    this.wanderAt = this.simulation.time + Math.max(4, 1.5 * this.simulation.duration(this.goal) + 2);
+    const pose = there ? this.s.other : this.s.goal, lasts = this.fast() ? this.s.fast : this.simulation.duration(pose);
+    this.setGoal(pose, false, this.fast() ? lasts : 0);
+    this.wanderAt = this.simulation.time + Math.max(4, 1.5 * lasts + 2);
   }
 
   record() {

@@ -150,10 +150,10 @@ class Limits:
     upper: np.ndarray
     rate: np.ndarray
 
-    @property
-    def texts(self) -> list[str]:
-        """Each range, for a summary."""
-        return [f"{low:.4g} to {high:.4g}" for low, high in zip(self.lower.tolist(), self.upper.tolist())]
+    def texts(self, units: Sequence[str]) -> list[str]:
+        """Each range with its unit, for a summary."""
+        ranges = zip(self.lower.tolist(), self.upper.tolist(), units, strict=True)
+        return [f"{low:.4g} to {number_text(high, unit)}" for low, high, unit in ranges]
 
     @staticmethod
     def of(
@@ -477,6 +477,8 @@ def controller_facts(c: Any) -> dict[str, str]:
     """What a controller says of itself: law, estimator, period, limits, and what is measured and commanded."""
     limits, command, mode = c.limits, c.command_limits, c.mode
     units = {} if c.estimator is None else c.estimator.plant.units
+    input_units = [units.get(name, "") for name in c.law.input_names]
+    tracked_units = [units.get(name, "") for name in c.tracked]
     law, zone = ", ".join(dict.fromkeys(law.kind for law in c.laws)), c.integral_dead_zone
     facts = {
         "law": law if len(c.laws) == 1 else f"{len(c.laws)} laws ({law})",
@@ -485,7 +487,9 @@ def controller_facts(c: Any) -> dict[str, str]:
         "measured": names_text(c.measured),
         "tracked": names_text(c.tracked),
         "inputs": names_text(tuple(c.law.input_names)),
-        "saturation": ", ".join(limits.texts) if np.isfinite([limits.lower, limits.upper]).any() else "",
+        "saturation": ", ".join(limits.texts(input_units))
+        if np.isfinite([limits.lower, limits.upper]).any()
+        else "",
         "integral action": ", ".join(
             f"adds at most {size:.4g}{unit} to the holding {kind}"
             for name, size in zip(c.law.input_names, c.windup.limit)
@@ -494,15 +498,20 @@ def controller_facts(c: Any) -> dict[str, str]:
         )
         if mode.bounds_windup
         else "",
-        "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate)
+        "input rate": ", ".join(
+            f"at most {number_text(rate, unit)} per s" for rate, unit in zip(limits.rate, input_units)
+        )
         if mode.limits_input_rate
         else "",
         "command": ", ".join(
-            f"{text}, at most {rate:.4g} per s" for text, rate in zip(command.texts, command.rate)
+            f"{text}, at most {number_text(rate, unit)} per s"
+            for text, rate, unit in zip(command.texts(tracked_units), command.rate, tracked_units)
         )
         if mode.limits_command
         else "",
-        "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
+        "integral dead zone": ""
+        if zone is None
+        else ", ".join(f"± {number_text(size, unit)}" for size, unit in zip(zone, tracked_units)),
         "reference": "moving" if mode.moving else "",
         "dry friction": ", ".join(f"{f:.4g}" for f in c.dry_friction.level) if c.dry_friction else "",
         "backlash": ", ".join(f"{gap:.4g}" for gap in c.backlash.width) if c.backlash else "",

@@ -50,6 +50,8 @@ class Status(enum.IntFlag):
     >>> status = fh.Status.SATURATION | fh.Status.REACTING
     >>> fh.Status.SATURATION in status
     True
+    >>> print(status)
+    SATURATION, REACTING
     """
 
     OUTSIDE_WORKSPACE = 1
@@ -59,6 +61,10 @@ class Status(enum.IntFlag):
     DOUBTFUL_ESTIMATE = 16
     FOLLOWING_ERROR = 32
     BLOCKED = 64
+
+    def __str__(self) -> str:
+        """Names of the bits that are set; `format` and the exported C have the number."""
+        return ", ".join(str(bit.name) for bit in Status if bit in self) or "nothing to report"
 
 
 #: The bits of what is watched, in the order of their flags in the memory.

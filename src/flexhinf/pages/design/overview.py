@@ -4,6 +4,7 @@ result of each section in a few words."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Move, Response
+from flexhinf.pages.arm_film import film_of
 from flexhinf.pages.design.step import arm_plane, input_panel, instants
 from flexhinf.pages.drawing import (
     DOTTED,
@@ -114,6 +116,7 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
         return None
     view, names, (low, high) = seen
     figure, ((axes,),) = panels(1, 1, HEIGHT)
+    count = 0
     for k, place in enumerate(at):
         opacity = (k + 1) / len(at)
         for pose, style in (
@@ -124,9 +127,10 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
             (response.positions[place], {"color": SERIES[0], "linewidth": 3.2, "alpha": opacity}),
         ):
             for line in skeleton(robot, pose):
-                axes.plot(*(line @ view).T, **style)
+                axes.plot(*(line @ view).T, **style, gid=f"pose-{count}")  # fades where the film is played
+                count += 1
     joints = np.array([line[0] for line in skeleton(robot, response.positions[at[-1]])]) @ view
-    axes.plot(*joints.T, "o", color=INK, markersize=4.0)
+    axes.plot(*joints.T, "o", color=INK, markersize=4.0, gid="pose-joints")
     axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.8, linestyle=DOTTED, zorder=0)
     axes.plot([], [], label="links", color=SERIES[0], linewidth=3.2)
     axes.plot([], [], label="motors", color=SERIES[1], linewidth=1.3, dashes=(4.0, 2.0))
@@ -138,13 +142,14 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
     label(axes, names[1], "m")
     legend(axes)
     times = ", ".join(number(float(time[place]), 3) for place in at)
-    return figure_block(
+    block = figure_block(
         "result-arm",
         figure,
         f"{what}Drawn at {times} s, later ones stronger. The angle between a link and its motor is the twist of the "
         "spring.",
         "The arm",
     )
+    return replace(block, film=film_of(axes, robot, time, ((1, response.positions), (2, motors)), view))
 
 
 # A controller for a workspace ---------------------------------------------------------------------------
