@@ -535,7 +535,10 @@ def linear_plant(plant: Plant, x: ArrayLike, u: ArrayLike) -> Plant:
         (a, b, g, c, slope, x, u, output),
         plant.states,
         plant.inputs,
-        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups", "angles")},
+        **{
+            name: getattr(plant, name)
+            for name in ("disturbances", "outputs", "units", "groups", "angles", "coupling")
+        },
     )
 
 

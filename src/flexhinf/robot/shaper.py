@@ -44,7 +44,7 @@ def vibration_frequencies(robot: Robot, poses: np.ndarray) -> np.ndarray:
     mass, gravity = np.empty((2, len(poses), size, size))
     for column, joint in enumerate(layout.elastic):
         unit = np.zeros_like(poses)
-        unit[:, joint] = 1.0
+        unit[:] = layout.inverse[:, joint]  # what moves the output of this gear alone
         mass[:, :, column] = torques(poses, unit) - weight
         above, below = (torques(poses + sign * STEP * unit, still) for sign in (1.0, -1.0))
         gravity[:, :, column] = (above - below) / (2.0 * STEP)

@@ -80,6 +80,8 @@ class Governor(Listed):
     resistance : (k,), optional
         Acceleration of each joint, rad/s² or m/s², that the estimator's model does not explain, and above which a joint
         that is brought back lets go of what keeps it. It needs an estimator; None: joints push on.
+    coupling : (k, k), optional
+        T of a robot whose motors move more than their own joints, θ = T q.
 
     Raises
     ------
@@ -93,22 +95,28 @@ class Governor(Listed):
     lower: Sequence[float]
     upper: Sequence[float]
     resistance: Sequence[float] | None = None
+    coupling: Sequence[Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
-        stated = {name: value for name, value in vars(self).items() if value is not None}
+        stated = {
+            name: value for name, value in vars(self).items() if value is not None and name != "coupling"
+        }
         rows = {name: real_array(value) for name, value in stated.items()}
         sizes = [rows.pop(name) for name in ("lower", "upper")]
         alike = len({row.shape for row in (*sizes, *rows.values())}) == 1 and sizes[0].ndim == 1
         refuse_if(
             not alike
             or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
-            or not np.all(sizes[0] <= sizes[1]),
+            or not np.all(sizes[0] <= sizes[1])
+            or (self.coupling is not None and np.shape(self.coupling) != 2 * sizes[0].shape),
             "The governor of a controller does not fit the joints.",
             "expected a positive distance, speed, acceleration and resistance for each joint and lower <= upper, got "
             f"{value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )
         vars(self).update({name: tuple(real_array(value).tolist()) for name, value in stated.items()})
+        if self.coupling is not None:
+            vars(self)["coupling"] = tuple(tuple(row) for row in real_array(self.coupling).tolist())
 
     @property
     def text(self) -> str:
@@ -198,7 +206,7 @@ def brought_back(
             data.resistance,
         )
     r, kept["far"], lag = run.call(
-        partial(governed, tracked, mode.governed),
+        partial(governed, tracked, mode.governed, mode.turned),
         *seen,
         r,
         memory.reference,
@@ -252,6 +260,7 @@ def resisted(
 def governed(
     tracked: Sequence[Source],
     places: Sequence[Sequence[int]],
+    turned: Sequence[Sequence[float]],
     y: Any,
     estimate: Any,
     r: Any,
@@ -283,8 +292,12 @@ def governed(
         flag = where(absolute(goal - seen) > distance, 1.0, flag)
         flag = where(absolute(lag) > OVER * distance, flag, flag * (1.0 - slow))
         lag, ahead = where(flag > 0.5, lag, 0.0), where(flag > 0.5, ahead, 0.0)
-        for each, shift in dict(zip(row, (lag, ahead, lag, ahead))).items():
-            command[each] = r[each] + shift
+        shifts = dict(zip(row, (lag, ahead, lag, ahead)))
+        for motors, factors in zip(places, turned):  # of coupled joints, T times that
+            factor = factors[len(flags)]
+            shifts |= {motors[2]: factor * lag, motors[3]: factor * ahead} if factor else {}
+        for each, shift in shifts.items():
+            command[each] = command[each] + shift
         flags.append(flag)
         lags.append(where(clipped > 0.0, lag, 0.0))
     return np.array(command), np.array(flags), np.array(lags)
