@@ -55,6 +55,11 @@ class Layout:
         )
 
     @staticmethod
+    def named(joints: Sequence[str], rigid: Sequence[str], coupling: Sequence[Sequence[float]]) -> Layout:
+        """The layout of a robot's joints, of which some are rigid, by their names."""
+        return Layout(len(joints), tuple(sorted(map(joints.index, rigid))), tuple(map(tuple, coupling)))
+
+    @staticmethod
     def of_plant(plant: Any) -> Layout:
         """The layout of a robot's plant."""
         return replace(Layout.of(plant.states), coupling=tuple(map(tuple, plant.coupling)))

@@ -192,10 +192,7 @@ class Robot(Pictured):
     @cached_property
     def layout(self) -> Layout:
         """Where the joints stand in the state of `plant`."""
-        joints = self.joint_names
-        return Layout(
-            len(joints), tuple(sorted(map(joints.index, self.rigid))), tuple(map(tuple, self.coupling))
-        )
+        return Layout.named(self.joint_names, self.rigid, self.coupling)
 
     @cached_property
     def nominal(self) -> dict[str, float]:

@@ -211,9 +211,9 @@ def check_seen(robot: Robot, signals: Sequence[str]) -> None:
     }
     unseen = [name for name in joints if name not in seen]
     missing = [per_joint("motor_position", name, len(joints)) for name in unseen]
-    sides = [{*signal_names(side, joints)} <= {*signals} for side in ("link_position", "motor_position")]
+    whole = [{*signal_names(side, joints)} <= {*signals} for side in ("link_position", "motor_position")]
     refuse_if(
-        robot.coupling and not any(sides),
+        robot.coupling and not any(whole),
         "The joints are coupled, and sensors of some links and some motors do not say together where they are.",
         f"expected motor_position of every joint, or link_position of every joint, got {list(signals)}",
         "measured=('motor_position',)",

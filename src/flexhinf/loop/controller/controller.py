@@ -193,7 +193,7 @@ class Controller(Summarised):
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
-        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), ())
+        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), (), ())
         self.mode = Mode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
@@ -204,7 +204,6 @@ class Controller(Summarised):
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
-            tuple((governor and governor.coupling) or ()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)

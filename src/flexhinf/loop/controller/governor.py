@@ -138,10 +138,10 @@ class Governor(Listed):
         supervision: Supervision | None,
         own: Sequence[int],
         estimator: Estimator | None,
-    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
-        """Places of the states that are shifted (k, 4), see `KINDS`, and of the velocities in an estimate that has the
-        states at `own`, () where no joint lets go. Refused where a law has no such states, the reference does not move,
-        a following error holds the joints where they are, or nothing says what resists them."""
+    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...], tuple[tuple[float, ...], ...]]:
+        """Places of the states that are shifted (k, 4), see `KINDS`, of the velocities in an estimate with the states at
+        `own`, () where no joint lets go, and T of coupled joints. Refused where a law has no such states, the reference
+        does not move, a following error holds the joints where they are, or nothing says what resists them."""
         states, tracked = law.plant_states, law.tracked
         rows = [[name.replace(KINDS[0], kind) for kind in KINDS] for name in tracked]
         names = [[n if n in states else n.replace("motor", "link") for n in row] for row in rows]
@@ -164,7 +164,8 @@ class Governor(Listed):
         )
         places = tuple(tuple(states.index(name) for name in row) for row in names)
         velocities = [row[1] for row in places] if self.resistance is not None else []
-        return places, tuple(own[place] if own else place for place in velocities)
+        seen = tuple(own[place] if own else place for place in velocities)
+        return places, seen, tuple(map(tuple, self.coupling or ()))
 
     def data(self, period: float) -> np.ndarray:
         """Numbers of the step (6, k)."""
