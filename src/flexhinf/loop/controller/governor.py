@@ -139,7 +139,7 @@ class Governor(Listed):
         own: Sequence[int],
         estimator: Estimator | None,
     ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...], tuple[tuple[float, ...], ...]]:
-        """Places of the states that are shifted (k, 4), see `KINDS`, of the velocities in an estimate with the states at
+        """Places of the states that are shifted (k, 4), see `KINDS`, of velocities in an estimate with the states at
         `own`, () where no joint lets go, and T of coupled joints. Refused where a law has no such states, the reference
         does not move, a following error holds the joints where they are, or nothing says what resists them."""
         states, tracked = law.plant_states, law.tracked
