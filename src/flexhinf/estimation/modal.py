@@ -276,7 +276,9 @@ class Turned(NamedTuple):
         if turned is None:
             return None
         kinds = _kinds(plant, len(turned))
-        rows, back = (tuple(map(tuple, each.tolist())) for each in (turned, np.linalg.inv(turned)))
+        rows, back = (
+            tuple(tuple(map(float, row)) for row in each) for each in (turned, np.linalg.inv(turned))
+        )
         return Turned(rows, back, tuple(str(kind).startswith("link") for kind in kinds))
 
     def of_links(self, covariance: np.ndarray) -> np.ndarray:
