@@ -509,6 +509,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "interface-choice": ("docs/drives.md", benchmark("benchmarks.interfaces", "--table", "choice")),
     "drives": ("docs/real_loop.md", benchmark("benchmarks.drives", "--table")),
     "feedforward": ("docs/real_loop.md", benchmark("benchmarks.feedforward", "--table")),
+    "gears": ("docs/real_loop.md", benchmark("benchmarks.gears", "--table")),
     "nees": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "nees")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {

@@ -16,10 +16,10 @@ pytestmark = pytest.mark.oracle
 def test_two_masses_on_a_spring_vibrate_as_in_the_textbook() -> None:
     robot = fh.load_robot("quanser-rotflex").with_values({"friction": 0.0, "back_emf_constant": 0.0})
     plant, rest = robot.plant(), robot.operating_point()
-    stiffness, inertia = stiffness_and_inertia(plant, rest)
+    _, inertia, _ = energy = stiffness_and_inertia(plant, rest)
     link, motor = 1.90e-3, 2.58e-3
     assert np.diag(inertia) == pytest.approx([link, motor])
-    free, *vibration = modes_of(plant.linearise(*rest)[0], robot.joint_names, stiffness, inertia)
+    free, *vibration = modes_of(plant.linearise(*rest)[0], robot.joint_names, *energy)
     assert free.name == "free motion"
     assert vibration[-1].name == "vibration"
     assert vibration[-1].frequency == pytest.approx(

@@ -11,7 +11,7 @@ from scipy.linalg import eigh, solve_continuous_are
 
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.weights import LinearFamily, LinearProblem
-from flexhinf.robot.elastic import Layout
+from flexhinf.robot.layout import Layout
 
 pytestmark = pytest.mark.oracle
 

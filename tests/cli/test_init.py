@@ -74,3 +74,51 @@ def test_a_template_replaces_a_file_where_it_is_asked_to(folder: Path) -> None:
     Path("there.toml").write_text("mine", encoding="utf-8")
     assert main(["init", "--joints", "2", "--drive", "current", "--out", "there.toml", "--force"]) == 0
     assert load_robot("there.toml").drive == "current"
+
+
+JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="0 0 {height}"/><axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="{effort}" velocity="3"/></joint>
+<link name="{child}"><inertial><origin xyz="0 0 0.1"/><mass value="{mass}"/>
+<inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def urdf_of(first: str, second: str, mass: float, more: str = "") -> str:
+    """Two joints, of which the second carries so much, kg."""
+    joints = [
+        JOINT.format(name=first, parent="base", child="a", height=0, effort=87, mass=4, moment=0.05),
+        JOINT.format(
+            name=second, parent="a", child="b", height=0.3, effort=87, mass=mass, moment=0.01 * mass
+        ),
+    ]
+    return f'<robot name="two"><link name="base"/>{"".join(joints)}{more}</robot>'
+
+
+def test_a_file_that_is_written_takes_what_is_published_and_leaves_out_springs_that_no_sample_shows(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("arm.urdf").write_text(urdf_of("fr3_joint1", "fr3_joint2", 0.002), encoding="utf-8")
+    assert main(["init", "arm.urdf"]) == 0
+    assert unnamed(capsys.readouterr().err, "fr3_joint2", "rigid", "1 ms") == []
+    robot = load_robot("arm.toml")
+    assert robot.rigid == ("fr3_joint2",)
+    assert robot["motor_inertia_fr3_joint1"].value == 0.6057
+    assert set(robot.estimated) == {"stiffness", "friction"}
+    assert list(Path().glob(".*")) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "rows"),
+    [
+        ("DifferentialTransmission", ((1.0, 0.5), (1.0, -0.5))),
+        ("FourBarLinkageTransmission", ((1.0, 0.0), (1.0, 1.0))),
+        ("SimpleTransmission", ()),
+    ],
+)
+def test_motors_that_share_joints_are_coupled_as_their_transmission_says(
+    kind: str, rows: tuple[tuple[float, float], ...], folder: Path
+) -> None:
+    shared = f"""<transmission><type>transmission_interface/{kind}</type><actuator name="a"/><actuator name="b"/>
+    <joint name="pitch"><mechanicalReduction>2</mechanicalReduction></joint><joint name="roll"/></transmission>"""
+    Path("wrist.urdf").write_text(urdf_of("pitch", "roll", 1.0, shared), encoding="utf-8")
+    assert main(["init", "wrist.urdf"]) == 0
+    assert load_robot("wrist.toml").coupling == rows

@@ -54,10 +54,10 @@ def test_rows_are_the_penalty_of_the_problem(mixed: Robot) -> None:
 
 def test_modes_are_named_with_the_motor_of_a_rigid_joint_as_its_link(mixed: Robot) -> None:
     plant, equilibrium = mixed.plant(), mixed.operating_point()
-    stiffness, inertia = stiffness_and_inertia(plant, equilibrium)
+    stiffness, inertia, _ = energy = stiffness_and_inertia(plant, equilibrium)
     assert list(np.isinf(stiffness)) == [False, True, False]
     assert inertia[4, 4] == 0.0
-    modes = modes_of(plant.linearise(*equilibrium)[0], mixed.joint_names, stiffness, inertia)
+    modes = modes_of(plant.linearise(*equilibrium)[0], mixed.joint_names, *energy)
     assert sorted(mode.joint for mode in modes if mode.vibration) == ["base", "elbow"]
 
 

@@ -149,7 +149,7 @@ def test_the_way_back(robot):
 def test_laws_can_trace_it_with_other_parameters(robot):
     """On symbols, parameters included: other numbers need no new trace."""
     n, table = len(robot.joint_names), robot.plant().parameters
-    inverse = InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid)
+    inverse = InverseFlow(robot.links, robot.drive, layout=robot.layout)
     function = trace(lambda *a: inverse(*a[:5], table.named(a[5])), *(n,) * 5, table.size)
     softer = robot.with_values(
         {name: 0.7 * v for name, v in robot.nominal.items() if name.startswith("stiffness")}
@@ -167,7 +167,7 @@ def test_the_last_chain_is_the_decoupling_matrix(robot):
     """∂u/∂q⁗ is J K⁻¹ M(q), times R/k_t for voltages, [spong1987]."""
     n, p = len(robot.joint_names), Parameters(robot.plant_parameters())
     q = along(path(n), np.array(0.2))
-    inverse = InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid)
+    inverse = InverseFlow(robot.links, robot.drive, layout=robot.layout)
     _, found = jacobian(lambda v: inverse(*q[:4], v, p)[1], n)(q[4])
     mass = np.linalg.inv(
         np.stack([robot.links.accelerations(q[0], 0 * q[0], e, p) - robot.links.accelerations(q[0], 0 * q[0], 0 * e, p)

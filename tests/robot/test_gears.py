@@ -15,6 +15,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.robot import MuJoCoPlant, Parameter
 from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.parts import RobotFileWarning
 
 #: CSG-25-50: K₁, K₂, K₃ (N·m/rad), T₁, T₂ (N·m) of Harmonic Drive's catalogue.
@@ -159,7 +160,7 @@ def test_friction_of_the_load_holds_a_loaded_gear_and_lets_an_empty_one_go(tmp_p
     motor = "friction = 0.0, coulomb_friction = 2.0, load_friction = 0.1"
     robot = arm(tmp_path, motor, stiffness=1e6)
     on = ("coulomb_friction", "load_friction")
-    sticking = Sticking(1, on, ())
+    sticking = Sticking(Layout(1), on, ())
     p = Parameters(robot.plant_parameters())
     for load in (0.0, 30.0, -50.0):
         level = 2.0 + 0.1 * abs(load)

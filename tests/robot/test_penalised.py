@@ -9,7 +9,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot.elastic import Layout
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.signals import robot_penalty
 
 

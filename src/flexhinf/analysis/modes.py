@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
-from flexhinf.robot.elastic import Layout
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.modes import (
     Mode as Mode,
     modes_of as modes_of,
@@ -42,7 +42,7 @@ def sampled_modes(
 ) -> tuple[Mode, ...]:
     """Modes of a sampled system with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
 
-    `names`: joints, stiffness and inertia, as of `named_modes`. `lasting`: modes of at most this |z| are left out.
+    `names`: joints and energies, as of `named_modes`. `lasting`: modes of at most this |z| are left out.
     """
     kept = np.abs(values) > lasting
     return named_modes(np.log(values[kept].astype(complex)) / period, vectors[:, kept], *names)
@@ -75,13 +75,14 @@ class JointScales:
     @staticmethod
     def of(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
         """Scales of a robot's plant in equilibrium."""
-        stiffness, inertia = stiffness_and_inertia(plant, equilibrium)
-        layout = Layout.of(plant.states)
+        stiffness, inertia, _ = stiffness_and_inertia(plant, equilibrium)
+        layout = Layout.of_plant(plant)
         n, elastic = layout.n, layout.elastic
         a, b, _, _ = plant.linearise(*equilibrium)
         motors, links = np.diag(inertia)[n:], inertia[:n, :n]
-        free = links[np.ix_(elastic, elastic)]
-        antiresonance = np.linalg.eigvals(np.linalg.solve(free, np.diag(stiffness[elastic]))).real.min()
+        free, moved = links[np.ix_(elastic, elastic)], layout.matrix[np.ix_(elastic, elastic)]
+        springs = moved.T @ np.diag(stiffness[elastic]) @ moved
+        antiresonance = np.linalg.eigvals(np.linalg.solve(free, springs)).real.min()
         rows = slice(2 * n + len(elastic), layout.mechanical)
         damping, per_input = (
             layout.motors(np.diag(links @ of_links), np.diag(of_motors) * motors[elastic])
@@ -100,24 +101,32 @@ class JointScales:
             layout,
         )
 
+    def _at_links(self, numbers: np.ndarray) -> np.ndarray:
+        """Numbers (n,) of motors or springs as each link feels them where it moves alone: the diagonal of Tᵀ … T."""
+        if not self.layout.coupling:
+            return numbers
+        return np.square(self.layout.matrix).T @ np.where(np.isfinite(numbers), numbers, 0.0)
+
     @property
     def vibration(self) -> np.ndarray:
         """ω_v (n,), rad/s; of a rigid joint, which does not vibrate, the slowest of the others."""
         elastic, frequencies = self.layout.elastic, np.zeros(self.layout.n)
-        links, motors = self.link_inertia[elastic], self.motor_inertia[elastic]
-        frequencies[elastic] = np.sqrt(self.stiffness[elastic] * (1.0 / links + 1.0 / motors))
+        links, motors = self.link_inertia[elastic], self._at_links(self.motor_inertia)[elastic]
+        frequencies[elastic] = np.sqrt(self._at_links(self.stiffness)[elastic] * (1.0 / links + 1.0 / motors))
         return np.where(frequencies > 0.0, frequencies, frequencies[elastic].min())
 
     @property
     def split_inertia(self) -> tuple[np.ndarray, np.ndarray]:
         """Inertia before and behind each spring (n,); of a rigid joint half of its own each."""
-        rigid, half = self.motor_inertia == 0.0, 0.5 * (self.link_inertia + self.motor_inertia)
-        return np.where(rigid, half, self.link_inertia), np.where(rigid, half, self.motor_inertia)
+        motors = self._at_links(self.motor_inertia)
+        rigid, half = self.motor_inertia == 0.0, 0.5 * (self.link_inertia + motors)
+        return np.where(rigid, half, self.link_inertia), np.where(rigid, half, motors)
 
     def input_per_position(self, frequency: float | np.ndarray) -> np.ndarray:
         """Input (n,) that moves each joint by one unit at an angular frequency, rad/s, without its spring."""
-        total = self.link_inertia + self.motor_inertia
-        return frequency * np.hypot(total * frequency, self.damping) / self.per_input
+        total = self.link_inertia + self._at_links(self.motor_inertia)
+        per_input = np.sqrt(self._at_links(self.per_input**2)) if self.layout.coupling else self.per_input
+        return frequency * np.hypot(total * frequency, self._at_links(self.damping)) / per_input
 
     def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight by name, (n,), or (e,) of what elastic joints have.
@@ -151,7 +160,7 @@ class JointScales:
             if name:
                 np.fill_diagonal(rows[place, place], w[name])
         rate = np.diag(w["joint_torque_rate"] * self.stiffness[self.layout.elastic])
-        rows[own[2], n + np.array(self.layout.elastic)], rows[own[2], own[3]] = -rate, rate
+        rows[own[2], own[1]], rows[own[2], own[3]] = -rate @ self.layout.matrix[self.layout.elastic], rate
         return rows[np.any(rows != 0.0, axis=1)]
 
     @property

@@ -61,10 +61,15 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
         text = template_text(o.joints, o.drive)
     else:
         found = description_of(path, o.move)
-        text, changes = (
-            robot_file_text(found, found.arm(), out, o.drive if o.drive in LOOPS else ""),
-            found.changes,
-        )
+        arm, changes = found.arm(), found.changes
+        drive = o.drive if o.drive in LOOPS else ""
+        rigid = too_fast(out, robot_file_text(found, arm, out, drive))
+        text = robot_file_text(found, arm, out, drive, rigid)
+        if rigid:
+            names = ", ".join(map(repr, rigid))
+            changes.append(
+                f"{names} rigid: as estimated the springs vibrate faster than samples of 1 ms show"
+            )
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     for change in changes:
@@ -72,3 +77,24 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     typer.echo(
         f"robot file: {out}\ncheck:  flexhinf check {out}\ndesign: flexhinf design {out}{loop_options(o.drive)}"
     )
+
+
+def too_fast(out: Path, text: str) -> tuple[str, ...]:
+    """Joints of a robot file, by its text, whose springs vibrate faster than samples of a design's default period show;
+    none of a file that is no robot yet, which `check` says."""
+    from flexhinf.design import Specification
+    from flexhinf.design.advice import unseen
+    from flexhinf.errors import FlexhinfError
+    from flexhinf.robot import load_robot
+    from flexhinf.robot.parts import file_warnings
+
+    draft = out.with_name(f".{out.stem}-draft.toml")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        draft.write_text(text, encoding="utf-8")
+        with file_warnings():
+            return unseen(load_robot(draft), Specification().period)
+    except (FlexhinfError, OSError):
+        return ()
+    finally:
+        draft.unlink(missing_ok=True)

@@ -290,8 +290,8 @@ def unseen(robot: Robot, period: float) -> tuple[str, ...]:
         plant, at = robot.plant(), robot.operating_point()
         modes = modes_of(plant.linearise(*at)[0], robot.joint_names, *stiffness_and_inertia(plant, at))
         vibrations = [mode for mode in modes if mode.vibration]
-        if not vibrations or abs(vibrations[-1].eigenvalue) <= math.pi / period:
-            break
+        if not vibrations or abs(vibrations[-1].eigenvalue) <= math.pi / period or robot.coupling:
+            break  # no joint that shares a motor may be rigid
         found.append(vibrations[-1].joint)
         robot = robot.with_rigid(vibrations[-1].joint)
     return tuple(found)

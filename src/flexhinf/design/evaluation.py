@@ -19,6 +19,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
+from flexhinf.robot.modes import Energy
 from flexhinf.robot.springs import DAMPED
 from flexhinf.scalars import trace
 from flexhinf.scalars.trace import opcodes
@@ -202,8 +203,8 @@ class LawEvaluation:
 
     # Modes --------------------------------------------------------------------------------------------------
     @cached_property
-    def energy(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness (n,) and inertia (2n, 2n) at the goal, by which modes are named."""
+    def energy(self) -> Energy:
+        """Energies at the goal, by which modes are named."""
         return modes.stiffness_and_inertia(self.setup.model, self.setup.goal_equilibrium)
 
     @cached_property

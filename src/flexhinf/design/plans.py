@@ -182,7 +182,7 @@ def drive_torques(robot: Robot, motion: Sequence[Any], values: Mapping[str, Any]
     q, dq, angle, speed = robot.layout.split(x.T)
     motors, speeds = robot.layout.motors(q, angle).T, robot.layout.motors(dq, speed).T
     springs = robot.layout.elastic
-    twists = (angle.T - q.T[:, springs], speed.T - dq.T[:, springs])
+    twists = ((angle - robot.layout.at_springs(q)).T, (speed - robot.layout.at_springs(dq)).T)
     load = np.broadcast_to(p.friction, u.shape) * speeds
     load[:, springs] += elastic.spring_torque(*twists, p, elastic.stated_curve(vars(p)))
     place = p.drive_stiffness * motors if robot.drive == "position" else 0.0
@@ -310,8 +310,10 @@ def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
         [per_joint(name, joint, len(joints)) for name in ("link_position", "motor_position")]
         for joint in joints
     ]
+    coupled = [row != own for row, own in zip(robot.layout.matrix.tolist(), np.eye(len(joints)).tolist())]
+    pairs = [["", ""] if other else pair for pair, other in zip(pairs, coupled)]
     seen = [
-        (gap, *pair) for gap, pair in zip(width.tolist(), robot.layout.at_springs(np.array(pairs)).tolist())
+        (gap, *pair) for gap, pair in zip(width.tolist(), robot.layout.of_springs(np.array(pairs)).tolist())
         if gap > 0.0 and {*pair} <= {*measured}
     ]  # fmt: skip
     return Backlash(*map(list, zip(*seen))) if seen else None

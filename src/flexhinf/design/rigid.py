@@ -13,7 +13,7 @@ from flexhinf.design.responses import Response
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
-from flexhinf.robot.elastic import Layout
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.modes import Mode, modes_of
 
 #: The side whose position and velocity are fed back; on a rigid robot both sides are the same.
@@ -114,7 +114,7 @@ class RigidLaw(ProblemLaw):
 
 
 def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
-    """The problem for the rigid robot at the same pose; None for a penalty of code, or with rigid joints.
+    """The problem for the rigid robot at the same pose; None for a penalty of code, or with rigid or coupled joints.
 
     The squared weights of link and motor are added, as both are one state. Weights of spring torques are dropped.
     """
@@ -122,7 +122,8 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     weights: Any = getattr(penalty.states, "states", None)  # of a penalty of states and torques of springs
     if not callable(penalty.states):
         weights = penalty.weights(problem.state_names)
-    if weights is None or Layout.of(plant.states).rigid:
+    layout = Layout.of_plant(plant)
+    if weights is None or layout.rigid or layout.coupling:
         return None
     n = plant.n // 4
     link, motor, integrals = np.split(np.asarray(weights, dtype=float), [2 * n, 4 * n])

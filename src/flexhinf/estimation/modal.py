@@ -37,7 +37,7 @@ from flexhinf.estimation.stationary import (
     stationary_gain,
 )
 from flexhinf.plant import Plant
-from flexhinf.plant.joints import ElasticJoints, elastic_joints, link_compliance
+from flexhinf.plant.joints import ElasticJoints, coupling_of, elastic_joints, link_compliance
 from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import clip
@@ -125,8 +125,9 @@ class ModalFilter(ConstantGainFilter):
             "the filter without them, or that filter itself as the estimator",
         )
         self._about = filter.initial.mean if about is None else filter.initial_at(about).mean
-        joints = elastic_joints(plant, self._about, np.zeros(len(plant.inputs)))
+        joints = elastic_joints(plant, self._about, np.zeros(len(plant.inputs)), coupled=True)
         self._adopt(filter)
+        self._turned = Turned.of(plant)
         self._seen, self._powers = pair_sensors(plant, len(plant.inputs))
         self._compliance = link_compliance(plant)
         numbers = self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints)
@@ -141,7 +142,8 @@ class ModalFilter(ConstantGainFilter):
         d and f, and of the signals."""
         k, m = joints.stiffness, joints.link_inertia
         added, noise = (np.diag(r).reshape(-1, len(k)) for r in (self.process_noise, self.measurement_noise))
-        links = np.diag(m @ self.process_noise[len(k) : 2 * len(k), len(k) : 2 * len(k)] @ m)
+        on_links = self.process_noise[len(k) : 2 * len(k), len(k) : 2 * len(k)]
+        links = np.diag(m @ (on_links if self._turned is None else self._turned.of_links(on_links)) @ m)
         motors = joints.motor_inertia**2 * added[3]
         pair = joints.pair_rates if joints.inner else joints.pair_rates[:2]
         random = tuple(_mean(part) for part in (k * added[0], k * added[2], links / k, motors / k))
@@ -163,7 +165,10 @@ class ModalFilter(ConstantGainFilter):
         )
         frame = scale, vectors, _series(self._range, values, table)
         return np.array(
-            [_correction(self._powers, column, *frame) for column in np.eye(len(self.plant.outputs))]
+            [
+                _correction(self._powers, self._turned, column, *frame)
+                for column in np.eye(len(self.plant.outputs))
+            ]
         ).T
 
     def variances(self, x: ArrayLike) -> np.ndarray:
@@ -178,7 +183,7 @@ class ModalFilter(ConstantGainFilter):
             "the filter with gate=0.999",
         )
         frame = self._frame(DIRECT, self.initial_at(x), self.plant.parameters.vector())
-        return np.asarray(_variances(self._powers, *frame), dtype=float)
+        return np.asarray(_variances(self._powers, self._turned, *frame), dtype=float)
 
     @property
     def pair(self) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
@@ -189,7 +194,11 @@ class ModalFilter(ConstantGainFilter):
     @property
     def estimator_key(self) -> str:
         """Method, period, sub-steps and sensors: constants of the traced code."""
-        return f"modal {self.period!r} {self.filter.sub_steps} x {self.filter.stages} {self._powers}{self._limits_key}"
+        turned = "" if self._turned is None else f" {self._turned}"
+        return (
+            f"modal {self.period!r} {self.filter.sub_steps} x {self.filter.stages} {self._powers}{turned}"
+            f"{self._limits_key}"
+        )
 
     @property
     def operations(self) -> int:
@@ -214,9 +223,9 @@ class ModalFilter(ConstantGainFilter):
         innovation, more = run.call(self._innovation, belief.mean, y, u, p), {}
         frame = self._frame(run, belief, p)
         if self.filter.gate is not None:
-            variances = run.call(partial(_variances, self._powers), *frame)
+            variances = run.call(partial(_variances, self._powers, self._turned), *frame)
             innovation, more["rejected"] = run.call(self._passed, innovation, variances, belief.rejected)
-        move = run.call(partial(_correction, self._powers), innovation, *frame)
+        move = run.call(partial(_correction, self._powers, self._turned), innovation, *frame)
         return belief._replace(mean=run.call(np.add, belief.mean, move), **more)
 
     def time_update(self, belief: Belief, u: Elements, p: Parameters, process_noise: Elements) -> Belief:
@@ -248,6 +257,34 @@ class ModalFilter(ConstantGainFilter):
     def _stiffness(self, mean: Elements, scale: Elements, p: Elements) -> Elements:
         """K^½ M(q)⁻¹ K^½."""
         return scale[:, None] * self._compliance.matrix(mean[: len(scale)], p) * scale
+
+
+class Turned(NamedTuple):
+    """T and T⁻¹ (n, n) of coupled joints, as rows, and which signals are of links.
+
+    Pairs are made of the outputs of the gears, φ = T q.
+    """
+
+    rows: tuple[tuple[float, ...], ...]
+    back: tuple[tuple[float, ...], ...]
+    links: tuple[bool, ...]
+
+    @staticmethod
+    def of(plant: Plant) -> Turned | None:
+        """That of a plant whose joints are coupled; None of any other."""
+        turned = coupling_of(plant)
+        if turned is None:
+            return None
+        kinds = _kinds(plant, len(turned))
+        rows, back = (
+            tuple(tuple(map(float, row)) for row in each) for each in (turned, np.linalg.inv(turned))
+        )
+        return Turned(rows, back, tuple(str(kind).startswith("link") for kind in kinds))
+
+    def of_links(self, covariance: np.ndarray) -> np.ndarray:
+        """Covariance (n, n) of φ, by that of q."""
+        rows = np.array(self.rows)
+        return rows @ covariance @ rows.T
 
 
 @lru_cache(16)  # the filters of one loop at several poses share it
@@ -351,22 +388,38 @@ def _series(ends: tuple[float, float], values: Elements, table: Elements) -> Ele
     return np.stack(terms, axis=-1) @ table
 
 
-def _variances(powers: tuple[int, ...], scale: Elements, vectors: Elements, gains: Elements) -> Elements:
+def _variances(
+    powers: tuple[int, ...], turned: Turned | None, scale: Elements, vectors: Elements, gains: Elements
+) -> Elements:
     """Variances (kn,) of an arm's innovations: the diagonal of K^-½ V s(Λ) Vᵀ K^-½, of a torque sensor by K^½."""
-    k = len(powers)
-    rows = [
-        (vectors * vectors) @ gains[:, 4 * k + j] / scale ** (2 * power) for j, power in enumerate(powers)
-    ]
+    k, rows = len(powers), list[Elements]()
+    for j, power in enumerate(powers):
+        if turned is not None and turned.links[j]:
+            of_links = np.array(turned.back) @ (vectors / scale[:, None] ** power)
+            rows.append((of_links * of_links) @ gains[:, 4 * k + j])
+        else:
+            rows.append((vectors * vectors) @ gains[:, 4 * k + j] / scale ** (2 * power))
     return np.concatenate(rows)
 
 
 def _correction(
-    powers: tuple[int, ...], innovation: Elements, scale: Elements, vectors: Elements, gains: Elements
+    powers: tuple[int, ...],
+    turned: Turned | None,
+    innovation: Elements,
+    scale: Elements,
+    vectors: Elements,
+    gains: Elements,
 ) -> Elements:
     """L ν (4n,): K^-½ V ℓ(Λ) Vᵀ K^½ ν, a torque sensor's ν by K^-½."""
     n, k = len(scale), len(powers)
-    parts = [innovation[j * n : (j + 1) * n] * scale**power for j, power in enumerate(powers)]
+    each = [innovation[j * n : (j + 1) * n] for j in range(k)]
+    if turned is not None:
+        rows = np.array(turned.rows)
+        each = [rows @ part if of_link else part for part, of_link in zip(each, turned.links)]
+    parts = [part * scale**power for part, power in zip(each, powers)]
     seen = np.stack([vectors.T @ part for part in parts], axis=-1)
-    return np.concatenate(
-        [vectors @ (gains[:, i * k : (i + 1) * k] * seen).sum(axis=1) / scale for i in range(4)]
-    )
+    moves = [vectors @ (gains[:, i * k : (i + 1) * k] * seen).sum(axis=1) / scale for i in range(4)]
+    if turned is not None:
+        back = np.array(turned.back)
+        moves[:2] = [back @ move for move in moves[:2]]
+    return np.concatenate(moves)

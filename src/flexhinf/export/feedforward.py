@@ -113,7 +113,7 @@ def _functions(feedforward: Feedforward) -> ca.Function:
     table = ParameterTable(dict(robot.plant_parameters()))
     shapes = tuple((key, value.shape) for key, value in table.values.items())
     numbers = ca.DM(plant.parameters.vector())
-    _, command = traced_inverse(InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid), shapes)(
+    _, command = traced_inverse(InverseFlow(robot.links, robot.drive, layout=robot.layout), shapes)(
         *motion, numbers
     )
     state, torque = traced_inverse(feedforward.inverse, shapes)(*motion, numbers)

@@ -108,7 +108,7 @@ def _inverse(robot: Robot, code: ControllerCode) -> Any:
     """(q, …, q⁗, parameters) → state and input."""
     assert code.controller.estimator is not None
     values = code.controller.estimator.plant.parameters.values
-    flow = InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid)
+    flow = InverseFlow(robot.links, robot.drive, layout=robot.layout)
     return traced_inverse(flow, tuple((name, np.shape(value)) for name, value in values.items()))
 
 

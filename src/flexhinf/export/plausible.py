@@ -33,7 +33,8 @@ class Ranges(NamedTuple):
     """What is known of one joint, infinite where it is not.
 
     `low`, `high`: Of the link's position, rad or m. `speed`, `motor_speed`: rad/s or m/s. `torque`, `twist`: Of the
-    spring, N·m or N, and rad or m. `stiffness`: The largest, N·m/rad or N/m.
+    spring, N·m or N, and rad or m. `stiffness`: The largest, N·m/rad or N/m. `ends`: Of the output of the motor's gear,
+    rad or m.
     """
 
     low: float
@@ -43,12 +44,13 @@ class Ranges(NamedTuple):
     torque: float
     twist: float
     stiffness: float
+    ends: tuple[float, float]
 
     def of(self, quantity: str) -> tuple[float, float, float]:
         """Least and largest value, and largest change per s, of a quantity of this joint."""
         return {
             "link_position": (self.low, self.high, self.speed),
-            "motor_position": (self.low - self.twist, self.high + self.twist, self.motor_speed),
+            "motor_position": (self.ends[0] - self.twist, self.ends[1] + self.twist, self.motor_speed),
             "link_velocity": (-self.speed, self.speed, np.inf),
             "motor_velocity": (-self.motor_speed, self.motor_speed, np.inf),
             "joint_torque": (-self.torque, self.torque, self.stiffness * (self.speed + self.motor_speed)),
@@ -148,11 +150,15 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
         np.abs(torque_per_input(robot.drive, values)) * largest,
         largest_drive_torques(values, len(joints)),
     )
-    links = motors = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
+    links = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
+    motors = np.array(
+        [sum(abs(f) * v for f, v in zip(row, links) if f) for row in robot.layout.matrix.tolist()]
+    )
     if robot.drive == "voltage":
         back = np.abs(np.broadcast_to(values.back_emf_constant, links.shape))
         free = np.divide(TWICE * largest, back, out=np.full(links.shape, np.inf), where=back > 0.0)
-        links, motors = (np.where(np.isfinite(links), links, factor * free) for factor in (TWICE, 1.0))
+        known = (links, TWICE), (motors, 1.0)
+        links, motors = (np.where(np.isfinite(own), own, factor * free) for own, factor in known)
 
     def interval(quantity: str, joint: str) -> tuple[float, float]:
         name = per_joint(quantity, joint, len(joints))
@@ -160,9 +166,16 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
 
     found: dict[str, Ranges] = {}
     columns = (links.tolist(), motors.tolist(), torques.tolist())
-    for joint, speed, motor_speed, torque in zip(joints, *columns, strict=True):
-        low, high = plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf))
+    ranges = [
+        plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf))
+        for joint in joints
+    ]
+    for joint, (low, high), row, speed, motor_speed, torque in zip(
+        joints, ranges, robot.layout.matrix.tolist(), *columns, strict=True
+    ):
+        turned = [sorted((factor * a, factor * b)) for factor, (a, b) in zip(row, ranges) if factor]
+        ends = sum(a for a, _ in turned), sum(b for _, b in turned)
         soft, stiff = interval("stiffness", joint)
         twist = 0.0 if joint in robot.rigid else torque / soft + interval("backlash", joint)[1]
-        found[joint] = Ranges(low, high, speed, motor_speed, torque, twist, stiff)
+        found[joint] = Ranges(low, high, speed, motor_speed, torque, twist, stiff, ends)
     return found

@@ -17,7 +17,7 @@ from flexhinf.export.ros2_description import description_values, initial_values
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
-from flexhinf.plant.joints import joint_places
+from flexhinf.plant.joints import coupling_of, joint_places
 from flexhinf.robot.parameters import per_joint
 
 #: Interfaces of a joint by the quantity of a signal: on the link's side those that ros2_control knows, on the motor's
@@ -186,4 +186,11 @@ def _start_values(
         for link, motor in zip(standstill.links, standstill.motors, strict=True):
             at_link, at_motor = (place[standstill.plant.states[k]] for k in (link, motor))
             joints.append({"link_measured": at_link, "motor_measured": at_motor, "motor_state": motor})
-    return {"from_pose": standstill is not None, "command": [*map(Markup, command)], "joints": joints}
+    turned = None if standstill is None else coupling_of(standstill.plant)
+    back = [] if turned is None else [constant(x, code.real) for x in np.linalg.inv(turned).ravel().tolist()]
+    return {
+        "from_pose": standstill is not None,
+        "command": [*map(Markup, command)],
+        "joints": joints,
+        "back": [*map(Markup, back)],
+    }

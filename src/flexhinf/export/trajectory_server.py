@@ -371,5 +371,6 @@ def measured_pose(robot: Robot, measured: tuple[str, ...], y: Numbers) -> Vector
     places = [states.index(name) if name in states else 0 for name in names]
     for _ in range(PASSES if (by_motor & elastic).any() else 0):
         twisted = robot.operating_point(q)[0][places]
-        q = q + np.where(by_motor & elastic, motors - twisted, 0.0)
+        left = np.where(by_motor & elastic, motors - twisted, 0.0)
+        q = q + np.where(by_motor, robot.layout.at_links(left), 0.0)
     return q

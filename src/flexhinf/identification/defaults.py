@@ -10,6 +10,7 @@ from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.estimation.filter import Form, RecursiveFilter
 from flexhinf.identification.quantisation import smallest_step
 from flexhinf.plant import Plant
+from flexhinf.plant.joints import coupling_of, joint_places
 
 #: Standard deviation of the first state, SI units, and of the torques (or other disturbances) that a model leaves out,
 #: as a share of the input's; without disturbances, of each state per second.
@@ -102,7 +103,8 @@ def disturbance_levels(
 def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
     """A state (n,) with the first measured outputs (N, p), of those the nearest to zero, and at rest if it can be.
 
-    Of a robot whose motors are not measured they stand where the links are.
+    Of a robot whose motors are not measured they stand where the links are, and links where their motors are; of
+    coupled joints by θ = T q.
     """
     first = np.array([column[np.isfinite(column)][:1].sum() for column in outputs.T])
     x, u = np.zeros(plant.n), np.zeros(len(plant.inputs))
@@ -112,6 +114,14 @@ def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
         x = x + step
         if np.abs(step).max() <= 1e-12 * (1.0 + np.abs(x).max()):
             break
+    turned = coupling_of(plant)
+    if turned is not None:
+        links, _, motors, _ = joint_places(plant)
+        if {plant.states[k] for k in links} <= {*plant.outputs}:
+            x[motors] = turned @ x[links]
+        elif {plant.states[k] for k in motors} <= {*plant.outputs}:
+            x[links] = np.linalg.solve(turned, x[motors])
+        return x
     for one, other in (("motor_position", "link_position"), ("link_position", "motor_position")):
         for name in [name for name in plant.states if name.startswith(one)]:
             beside = name.replace(one, other)

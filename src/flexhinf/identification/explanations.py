@@ -25,7 +25,7 @@ from flexhinf.notebook import number_text
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.signals import MECHANICAL
+from flexhinf.robot.signals import MECHANICAL, signal_names
 
 #: The kind of an explanation that is a signal at another time.
 DELAY = "a delay"
@@ -288,12 +288,19 @@ def _candidates(
             table[:, names.index(name)] = values
         return table
 
+    ends = {
+        kind: robot.layout.at_motors(np.array([states[name] for name in signal_names(kind, joints)]))
+        for kind in MECHANICAL[:2]
+    }
     for joint in joints:
         kinds = [*MECHANICAL, "motor_torque", "link_torque"]
         signals = {kind: per_joint(kind, joint, len(joints)) for kind in kinds}
         if not {*signals.values()} <= {*states, *names}:
             continue  # a rigid joint has no spring
         values = {kind: states[signals[kind]] for kind in MECHANICAL}
+        # The end of its spring on the side of the links.
+        for kind, row in ends.items():
+            values[f"{kind}_of_gear"] = row[joints.index(joint)]
         yield from _of_joint(robot, joint, signals, values, acting)
     for k, name in enumerate(names[:width]):
         late = np.append(inputs[:1, k], inputs[:-1, k]) - inputs[:, k]
@@ -315,14 +322,16 @@ def _of_joint(
     motor, link, count = signals["motor_torque"], signals["link_torque"], len(robot.joint_names)
     unit = "N" if robot.links.slides[robot.joint_names.index(joint)] else "N·m"
     length = "m" if unit == "N" else "rad"
-    rate, twist = values["motor_velocity"], values["motor_position"] - values["link_position"]
+    rate, twist = values["motor_velocity"], values["motor_position"] - values["link_position_of_gear"]
     stiffness = robot.nominal[per_joint("stiffness", joint, count)]
+    pushed = signal_names("link_torque", robot.joint_names)
     turning = np.tanh(rate / max(TURNING * _rms(rate), 1e-9))
     slip = np.tanh(values["link_velocity"] / max(TURNING * _rms(values["link_velocity"]), 1e-9))
     torque = stiffness * twist
 
     def spring(more: np.ndarray) -> np.ndarray:
-        return acting({link: more, motor: -more})
+        row = zip(pushed, robot.layout.matrix[robot.joint_names.index(joint)].tolist())
+        return acting({**{name: factor * more for name, factor in row if factor}, motor: -more})
 
     name = signals["motor_torque"]
     yield _Candidate("dry friction", name, unit, "coulomb_friction", [acting({motor: -turning})])
@@ -343,7 +352,7 @@ def _of_joint(
     )
     gap = np.tanh(twist / max(PASSED * _rms(twist), 1e-12))
     yield _Candidate("backlash", name, length, "backlash", [spring(-0.5 * stiffness * gap)])
-    slope = values["motor_velocity"] - values["link_velocity"]
+    slope = values["motor_velocity"] - values["link_velocity_of_gear"]
     yield _Candidate("damping of the spring", name, f"{unit}·s/{length}", "damping", [spring(slope)])
     gear = robot.nominal.get(per_joint("gear_ratio", joint, count), 0.0)
     if gear > 1.0 and length == "rad":

@@ -438,6 +438,7 @@ def identify(
     likelihood = Likelihood(chosen, rows, len(unknowns.names))
     found, evaluation, iterations = searched(likelihood, unknowns, unknowns.inside(unknowns.start))
     found, evaluation = restricted(likelihood, unknowns, found, evaluation)
+    unknowns.check_corners(found)
     own = judgement(evaluation, plant, outputs)
     expected, judged = found, own
     bounded = replace(unknowns, bounded=True)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.errors import refuse_if
 from flexhinf.estimation import RecursiveFilter
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
@@ -223,6 +224,22 @@ class Unknowns:
         """The physical numbers by name."""
         pairs = zip(self.numbers, z.tolist())
         return {n.name: float(np.exp(value)) if n.sign == "positive" else value for n, value in pairs}
+
+    def check_corners(self, z: np.ndarray) -> None:
+        """Refuse numbers by which the curve of a gear has its corners in the wrong order."""
+        values = {**({} if self.robot is None else self.robot.nominal), **self.values(z)}
+        for joint in () if self.robot is None else self.robot.joint_names:
+            names = [
+                per_joint(name, joint, len(self.robot.joint_names))
+                for name in ("first_torque", "second_torque")
+            ]
+            low, high = (values.get(name) for name in names)
+            refuse_if(
+                low is not None and high is not None and not low < high,
+                f"The log does not tell the two corners of the stiffness curve of joint {joint!r}.",
+                f"expected {names[0]} < {names[1]}, and the likeliest are {low} and {high}",
+                f"{names[0]} alone with the other numbers of the catalogue, or a log whose torques pass both corners",
+            )
 
     def noise_levels(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Standard deviations (p,) of the measurements, and levels (c,) of R^v."""

@@ -34,6 +34,7 @@ from flexhinf.modal.pair import DEFAULT_WEIGHTS, FOLDED, PairGains, PairWeights,
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.plant.joints import (
     ElasticJoints,
+    coupling_of,
     elastic_joints,
     joint_places,
     joint_ranges,
@@ -161,7 +162,7 @@ class ModalLaw(PosedLaw):
         500 poses in the joints' limits. Raises `NumericalFailure` where the samples do not carry a vibration.
         """
         plant, equilibrium = problem.plant, equilibrium_of(problem)
-        joints, n = elastic_joints(plant, *equilibrium, rigid=True), len(plant.inputs)
+        joints, n = elastic_joints(plant, *equilibrium, rigid=True, coupled=True), len(plant.inputs)
         checked_positive("The period", period, "seconds", "period=1e-3")
         poses = workspace(plant) if poses is None else np.atleast_2d(np.asarray(poses, dtype=float))
         what, advice = "The poses do not fit the robot.", "one row of link positions per pose"
@@ -173,6 +174,11 @@ class ModalLaw(PosedLaw):
         ends, loop = (found.min() / MARGIN, found.max() * MARGIN), rates[2:] if joints.inner else ()
         gains = _kept_gains(ends, *rates[:2], period, weights, *loop)
         return cls(plant=plant, equilibrium=equilibrium, integrate=problem.integrate, gains=gains)
+
+    @cached_property
+    def joints(self) -> ElasticJoints:
+        """The numbers of the joints at the equilibrium; of coupled ones at the outputs of their gears."""
+        return elastic_joints(self.plant, *self.equilibrium, rigid=True, coupled=True)
 
     @cached_property
     def _places(self) -> np.ndarray:
@@ -212,7 +218,11 @@ class ModalLaw(PosedLaw):
     @cached_property
     def _series(self) -> SpringSeries:
         return SpringSeries(
-            self.compliance.traced, self._places, len(self.gains.poles), bool(self.gains.holding)
+            self.compliance.traced,
+            self._places,
+            len(self.gains.poles),
+            bool(self.gains.holding),
+            coupling_of(self.plant),
         )
 
     def slope_at(self, q: np.ndarray) -> np.ndarray:
@@ -226,6 +236,8 @@ class ModalLaw(PosedLaw):
         z, dz, w, dw, e, alike = ((root * vectors * k) @ (root * vectors).T for k in self.gains(squares).T)
         slope, states = np.zeros((len(q), len(self.state_names))), self._places.ravel()
         parts = z + alike * torque, dz, w - alike * (torque + held), dw - alike * friction
+        if (turned := coupling_of(self.plant)) is not None:
+            parts, e = (parts[0] @ turned, dz @ turned, *parts[2:]), e @ turned
         np.add.at(slope.T, states, np.hstack(parts).T)
         slope[:, self.plant.n :] = e
         return -share[:, None] * slope

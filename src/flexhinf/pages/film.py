@@ -164,7 +164,7 @@ class ArmFilm:
         self.title = f"{self.robot.name}: {'step' if prepared.plan is None else 'move'}"
         self.time, self.links, self.inputs = trajectory.time[kept], state[kept, :n], inputs[kept]
         self.command = np.stack(columns, axis=1)[kept]
-        self.motors = self.robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
+        self.motors = self.robot.layout.relaxed(state.T).T[kept]
         self.windup, self.limits = self.motors - self.links, np.maximum(*np.abs(run.input_range))
         self.unit = " or ".join(dict.fromkeys(trajectory.units["input"]))
         self.slides = np.array(self.robot.links.slides, dtype=bool)

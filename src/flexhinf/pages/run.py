@@ -438,9 +438,9 @@ def _bounds(run: RealTimeRun) -> np.ndarray:
 
 def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
-    (small, factor), n = units.small, len(prepared.goal)
+    small, factor = units.small
     error = factor * (response.positions - _command(prepared, run))
-    theta = prepared.robot.layout.whole(run.trajectory.signals["state"].T)[2 * n : 3 * n].T
+    theta = prepared.robot.layout.relaxed(run.trajectory.signals["state"].T).T
     return draw_figure(
         "tracking",
         (

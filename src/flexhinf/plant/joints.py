@@ -10,6 +10,10 @@ joints.
 
 A rigid joint has no motor of its own: q2 = q1, and its row is (M(q1) + J) q̈1 + …, J the parameter ``motor_inertia``. A
 law of springs may take it for a joint with a spring of the motors' common frequency, K = κ J: `elastic_joints`.
+
+Of coupled joints, θ = T q, all numbers are those at the outputs of the gears, φ = T q1: with T⁻ᵀ M T⁻¹ for M, T⁻ᵀ G for
+G, and so on, they are the equations above with φ in the place of q1. A law or a filter that allows for a coupling takes
+φ for the links' positions.
 """
 
 from __future__ import annotations
@@ -119,6 +123,11 @@ def check_joints(plant: Plant) -> int:
     return len(plant.inputs)
 
 
+def coupling_of(plant: Plant) -> np.ndarray | None:
+    """T (n, n) of a robot's plant whose motors move more than their own joints; None of any other."""
+    return np.array(plant.coupling, dtype=float) if plant.coupling else None
+
+
 def joint_places(plant: Plant) -> np.ndarray:
     """Places (4, n) of q1, q̇1, q2, q̇2 in the state of a plant of elastic and rigid joints, q2 = q1 of a rigid one; a
     plant of other states is refused."""
@@ -132,25 +141,40 @@ def joint_places(plant: Plant) -> np.ndarray:
     return np.array([[plant.index(name) for name in rows[i]] for i in (0, 2, 1, 3)])
 
 
-def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray, rigid: bool = False) -> ElasticJoints:
+def elastic_joints(
+    plant: Plant, x: np.ndarray, u: np.ndarray, rigid: bool = False, coupled: bool = False
+) -> ElasticJoints:
     """The joints' numbers at the equilibrium (x, u), (states,) and (n,).
 
     `rigid`: whether rigid joints are taken for springs of K = κ J, κ the geometric mean of K/J of the others; refused
-    otherwise, as is a plant without joints, or of coupled motors.
+    otherwise, as is a plant without joints. `coupled`: whether numbers at the outputs of gears are meant where joints
+    are coupled; refused otherwise.
     """
     if not rigid:
         check_joints(plant)
     (q, dq, theta, dtheta), (a, b, g, _) = joint_places(plant), plant.linearise(x, u)
     own, alone = theta != q, theta == q
     links, motors = _places(plant, "link_torque"), _places(plant, "motor_torque")
+    if (turned := coupling_of(plant)) is not None:
+        refuse_if(
+            not coupled,
+            "This law is one of joints that a motor of their own moves, and the joints are coupled.",
+            f"expected a robot without coupling, got θ = T q with {turned.tolist()}",
+            "the law of a workspace, or the H∞ law of a pose",
+        )
+        change = np.eye(plant.n)
+        for rows in (q, dq):
+            change[np.ix_(rows, rows)] = turned
+        a, b, g = change @ a @ np.linalg.inv(change), change @ b, change @ g
+        g[:, links] = g[:, links] @ turned.T
 
     def diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
         single = np.diag(matrix).copy()
         if np.abs(matrix - np.diag(single)).max(initial=0.0) > COUPLING * np.abs(single).max(initial=0.0):
             raise InvalidInput(
-                "The motors of different joints are coupled.",
+                "The motors of different joints are coupled, and no coupling is stated.",
                 f"expected a {what} of each joint alone, got {matrix.tolist()}",
-                "a plant of a robot of this package",
+                "coupling = { … } in [[joint]] of a robot file",
             )
         return single
 
@@ -191,13 +215,17 @@ def _static(plant: Plant, name: str, quantity: Callable[[ca.SX, ca.SX], ca.SX]) 
     places = joint_places(plant)
     q, p = ca.SX.sym("q", places.shape[1]), ca.SX.sym("p", plant.parameters.size)
     d, x, numbers = ca.SX.sym("d", len(plant.disturbances)), ca.SX.zeros(plant.n), ca.SX(p)
-    x[places[0].tolist()] = x[places[2].tolist()] = q
+    turned = coupling_of(plant)
+    x[places[2].tolist()] = q if turned is None else ca.mtimes(turned, q)
+    x[places[0].tolist()] = q
     if (alone := places[2] == places[0]).any():
         rotors = plant.parameters.named(np.arange(plant.parameters.size)).motor_inertia[alone]
         numbers[rotors.tolist()] = 0.0
     still = ca.SX.zeros(len(plant.inputs))
     fall = plant.traced_flow(x, still, d, numbers)[places[1].tolist()]
     compliance = ca.jacobian(fall, d)[:, _places(plant, "link_torque")]
+    if turned is not None:
+        fall, compliance = ca.mtimes(turned, fall), ca.mtimes([turned, compliance, turned.T])
     free = ca.substitute(quantity(fall, compliance), d, ca.SX.zeros(d.numel()))
     return ca.Function(name, [q, p], [ca.densify(free)], {"cse": True})
 
@@ -210,7 +238,8 @@ class LinkCompliance:
         self.traced = _static(plant, "compliance", lambda fall, compliance: ca.vec(compliance))
 
     def matrix(self, q: Elements, p: Elements) -> Elements:
-        """M(q)⁻¹ (n, n): the accelerations q̈1 per torque at the links, at the parameter vector p."""
+        """M(q)⁻¹ (n, n): the accelerations q̈1 per torque at the links, at the parameter vector p; T M⁻¹ Tᵀ of
+        coupled joints."""
         return apply(self.traced, q, p)[0].reshape(len(q), -1)
 
 
@@ -228,9 +257,9 @@ def _holding(rates: ca.SX, x: ca.SX, at: ca.SX, u: ca.SX) -> ca.SX:
 
 
 def standstill_function(plant: Plant) -> ca.Function | None:
-    """(q, parameter vector) → (x, u), (states + n,), at rest at link positions q: q2 = q1 + K⁻¹ G and the input that
-    holds G, as a CasADi function. None where G and K are not read off the flow at relaxed springs: it has other states
-    than elastic and rigid joints, or springs that are not linear.
+    """(q, parameter vector) → (x, u), (states + n,), at rest at link positions q: q2 = T q1 + K⁻¹ T⁻ᵀ G and the input
+    that holds G, as a CasADi function. None where G and K are not read off the flow at relaxed springs: it has other
+    states than elastic and rigid joints, or springs that are not linear.
 
     As in `elastic_joints`, q̈1 = −C G with C of the links' torques, and the motors' rates have J⁻¹, K/J and k_u/J.
     """
@@ -253,17 +282,22 @@ def standstill_function(plant: Plant) -> ca.Function | None:
         ca.diag(ca.jacobian(flow[rates], z)) for z in (d[_places(plant, "motor_torque")], x[motors], u)
     )
     compliance = ca.jacobian(flow[falls], d[_places(plant, "link_torque")])
-    held = -ca.ldl_solve(flow[falls], *ca.ldl(compliance))
+    held, moved = -ca.ldl_solve(flow[falls], *ca.ldl(compliance)), q
+    turned = coupling_of(plant)
+    if turned is not None:
+        held, moved = ca.mtimes(np.linalg.inv(turned).T, held), ca.mtimes(turned, q)
     if inner:  # the motors may feel only a part of the spring, and are held where they are
         twisting = ca.jacobian(flow[falls], x[motors])
-        stiffness = ca.diag(ca.ldl_solve(twisting, *ca.ldl(compliance)))
-        at[motors] = q + held / stiffness
+        pushed = ca.ldl_solve(twisting, *ca.ldl(compliance))
+        stiffness = ca.diag(pushed if turned is None else ca.mtimes(np.linalg.inv(turned).T, pushed))
+        at[motors] = moved + held / stiffness
     else:
-        at[motors] = q - held * per_torque / per_twist
+        at[motors] = moved - held * per_torque / per_twist
     at[links] = q  # of a rigid joint too
     every = ca.vertcat(at, _holding(flow[rates], x, at, u) if inner else held * per_torque / per_input)
     relaxed = ca.SX.zeros(plant.n)
-    relaxed[links] = relaxed[motors] = q
+    relaxed[motors] = moved
+    relaxed[links] = q
     still = ca.vertcat(relaxed, ca.SX.zeros(u.numel() + d.numel()))
     return ca.Function(
         "rest", [q, p], [ca.densify(ca.substitute(every, ca.vertcat(x, u, d), still))], {"cse": True}

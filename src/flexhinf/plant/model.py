@@ -89,6 +89,8 @@ class Model(Summarised):
         States and measured signals, rad, of which whole turns mean nothing: an estimator takes differences of them by
         the shorter way round. A measurement may jump by 2π, and a map may wrap its state. Estimates go on counting
         turns, and a law reads them as they are. Names of groups stand for their signals.
+    coupling : (n, n), optional
+        T of a robot whose motors move more than their own joints, θ = T q: what laws and filters of pairs read.
 
     Raises InvalidInput: if names repeat, if a parameter is not finite, or if `flow` or `output` does not run on
     symbols of these shapes.
@@ -122,6 +124,7 @@ class Model(Summarised):
     arrest: Callable[..., Any] | None = None
     sampled: bool = False
     angles: Sequence[str] = ()
+    coupling: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:
         checked_kind(

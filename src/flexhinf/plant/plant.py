@@ -530,12 +530,13 @@ def linear_plant(plant: Plant, x: ArrayLike, u: ArrayLike) -> Plant:
         "A plant is linearised at an equilibrium.",
         "robot.operating_point(pose), or operating_point and operating_input of a problem",
     )
+    names = "disturbances", "outputs", "units", "groups", "angles", "coupling"
     output, slope = plant.output_at(x, u)
     return _linear_plant(
         (a, b, g, c, slope, x, u, output),
         plant.states,
         plant.inputs,
-        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups", "angles")},
+        **{name: getattr(plant, name) for name in names},
     )
 
 

@@ -24,17 +24,20 @@ class SpringSeries:
 
     `compliance`: (q, parameters) → M(q)⁻¹, flat, as a CasADi function. `places` (4, n): of q, q̇, θ, θ̇ in a state.
     `poles`: How many p_j there are. `holding`: whether motors are made alike in what holds their position too.
+    `coupling`: T (n, n) of coupled joints, whose compliance is that at the outputs of the gears.
     """
 
     compliance: ca.Function
     places: np.ndarray
     poles: int
     holding: bool = False
+    coupling: np.ndarray | None = None
 
     @cached_property
     def key(self) -> str:
         """What distinguishes the code of two series."""
-        return f"{self.poles}{' holding' * self.holding} {self.places.tolist()} {digest(self.compliance)}"
+        turned = "" if self.coupling is None else f" {self.coupling.tolist()}"
+        return f"{self.poles}{' holding' * self.holding}{turned} {self.places.tolist()} {digest(self.compliance)}"
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -70,6 +73,8 @@ class SpringSeries:
     ) -> tuple[Elements, Elements]:
         """y_j = sum of k_ij x_i for each pole, and y_oo."""
         (q, dq, theta, dtheta), errors = x[self.places], x[-self.places.shape[1] :]
+        if self.coupling is not None:
+            q, dq, errors = (self.coupling @ links for links in (q, dq, errors))
         unlike = torque * (theta - q) + friction * dtheta
         for stiffness in holding:
             unlike = unlike + stiffness * theta

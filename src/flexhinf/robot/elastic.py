@@ -58,6 +58,7 @@ from flexhinf.robot.gears import (
     tooth_error,
     tooth_ripple,
 )
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.parameters import per_joint
 from flexhinf.scalars import absolute, clip, derivative, series, trace
 from flexhinf.validation import one_of
@@ -182,18 +183,19 @@ class Sticking:
     Of an inner loop σ F is left.
     """
 
-    joints: int
+    layout: Layout
     extras: tuple[str, ...]
     others: tuple[str, ...] = ()  # the plant's other extras, which the load is of
     drive: str = "torque"
 
     def __call__(self, x: Any, step: Any, p: Any) -> Any:
         """The state after friction, on any element."""
-        n = self.joints
+        n = self.layout.n
         velocity, load = x[3 * n : 4 * n], 0.0
         if "load_friction" in self.extras:
             ratio = p.gear_ratio if "kinematic_error" in self.others else None
-            load = spring_torques(x[:n], x[n : 2 * n], x[2 * n : 3 * n], velocity, p, self.others, ratio)[1]
+            at, moving = (self.layout.at_springs(x[k * n : (k + 1) * n]) for k in (0, 1))
+            load = spring_torques(at, moving, x[2 * n : 3 * n], velocity, p, self.others, ratio)[1]
         level = dry_level(velocity, load, p, self.extras)
         level = p.load_share * level if self.drive in INNER else level
         most = np.broadcast_to((step / p.motor_inertia) * level, velocity.shape)
@@ -376,71 +378,10 @@ def torque_per_input(drive: str, p: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Places of the joints in x = (q1 (n), q̇1 (n), q2 (e), q̇2 (e) (, i (n))): e of the n joints are elastic.
-
-    The rotor of a joint in `rigid` turns with the link: q2 = q1.
-    """
-
-    n: int
-    rigid: tuple[int, ...] = ()
-
-    @staticmethod
-    def of(states: Sequence[str]) -> Layout:
-        """The layout of the named states: a joint without a motor's position is rigid."""
-        joints = [
-            name.removeprefix("link_position")
-            for name in states
-            if name.startswith("link_position") and not name.endswith("_integral")
-        ]
-        return Layout(
-            len(joints), tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
-        )
-
-    @property
-    def elastic(self) -> list[int]:
-        """The joints with a spring."""
-        return [i for i in range(self.n) if i not in self.rigid]
-
-    @property
-    def mechanical(self) -> int:
-        """Number of states without the coils' currents."""
-        return 4 * self.n - 2 * len(self.rigid)
-
-    def split(self, x: Any) -> tuple[Any, Any, Any, Any]:
-        """q1 (n,), q̇1 (n,), q2 (e,), q̇2 (e,)."""
-        n, e = self.n, self.n - len(self.rigid)
-        return x[:n], x[n : 2 * n], x[2 * n : 2 * n + e], x[2 * n + e : 2 * n + 2 * e]
-
-    def at_springs(self, links: Any) -> Any:
-        """The entries of the elastic joints (e,), of one for each joint (n,)."""
-        return links[self.elastic] if self.rigid else links
-
-    def engaged(self, x: Any, p: Any) -> np.ndarray:
-        """A state with every spring beyond its backlash: the `Model.engaged` of a robot.
-
-        The motors are turned on by the whole width: out of the dead zone from anywhere inside.
-        """
-        moved = np.array(x, dtype=float)
-        self.split(moved)[2][:] += np.asarray(p.backlash, dtype=float)  # a view of the copy
-        return moved
-
-    def motors(self, links: Any, motors: Any) -> Any:
-        """One entry per motor (n,): its own of an elastic joint, the link's of a rigid one."""
-        if not self.rigid:
-            return motors
-        own = iter(motors)
-        return np.array([links[i] if i in self.rigid else next(own) for i in range(self.n)])
-
-    def whole(self, x: Any) -> np.ndarray:
-        """q1, q̇1, q2, q̇2 (4 n,) with the motors of rigid joints where their links are; or (4 n, N) of columns."""
-        q, dq, theta, dtheta = self.split(x)
-        return np.concatenate([q, dq, self.motors(q, theta), self.motors(dq, dtheta)])
-
-
-@dataclass(frozen=True)
 class ElasticFlow:
     """ẋ (of any element) of M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + d_link,   J q̈2 + B q̇2 + K(q2 − q1) = τ + d_motor.
+
+    Where joints are coupled, `Layout`, the springs are K(q2 − T q1), and push the links with Tᵀ of that.
 
     τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where L di/dt = V − R i
     − k_b q̇2. Of an inner loop it is k_v (c − q̇2) or k_p (c − q2) − k_d q̇2, and spring and friction count by σ. x =
@@ -476,18 +417,20 @@ class ElasticFlow:
             torque, damping = gain * u, p.friction + back
         if not layout.rigid:
             ratio = p.gear_ratio if "kinematic_error" in self.extras else None
-            spring, on_motors = spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)
+            at, moving = layout.at_springs(q), layout.at_springs(dq)
+            spring, on_motors = spring_torques(at, moving, theta, dtheta, p, self.extras, ratio)
             load = self._resistance(theta, dtheta, on_motors, p), on_motors
             if "drive_torque_limit" in self.extras:
                 torque = limited_torques(torque, damping * dtheta + load[0] + load[1], p)
             elif self.drive in INNER:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
-            link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
+            link_acceleration = self.links.accelerations(q, dq, layout.on_links(spring) + d[:n], p)
             motor_acceleration = (1.0 / p.motor_inertia) * left  # a quotient of parameters: computed once
         else:
             ratio = p.gear_ratio[elastic] if "kinematic_error" in self.extras else None
-            spring, on_motors = spring_torques(q[elastic], dq[elastic], theta, dtheta, p, self.extras, ratio)
+            at, moving = layout.at_springs(q), layout.at_springs(dq)
+            spring, on_motors = spring_torques(at, moving, theta, dtheta, p, self.extras, ratio)
             load = layout.motors(0.0 * q, on_motors)
             dry = self._resistance(layout.motors(q, theta), speed, load, p)
             if "drive_torque_limit" in self.extras:
@@ -496,7 +439,7 @@ class ElasticFlow:
                 dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
             rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
-            on_links = layout.motors(driven, spring) + d[:n]
+            on_links = layout.on_links(layout.motors(driven, spring)) + d[:n]
             link_acceleration = self.links.accelerations(q, dq, on_links, p, rotors)
             motor_acceleration = (1.0 / p.motor_inertia[elastic]) * (driven[elastic] - on_motors)
         rates = [dq, link_acceleration, dtheta, motor_acceleration]
@@ -542,7 +485,7 @@ class InverseFlow:
     links: Any
     drive: str = "voltage"
     extras: tuple[str, ...] = ()
-    rigid: tuple[int, ...] = ()
+    layout: Layout | None = None  # without one all joints are elastic, each with its own motor
 
     def __post_init__(self) -> None:
         for name in self.extras:
@@ -556,9 +499,9 @@ class InverseFlow:
     def __call__(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """State (4n,) and input (n,) from link positions and four derivatives, (n,) each."""
         torque = self.links.torques(series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p)
-        load, rate, jerk = (derivative(torque, order) for order in range(3))
-        layout = Layout(len(self.links.tree), self.rigid)
-        twisting = [layout.at_springs(torques) for torques in (load, rate, jerk)]
+        layout = self.layout or Layout(len(self.links.tree))
+        load, rate, jerk = (layout.on_motors(derivative(torque, order)) for order in range(3))
+        twisting = [layout.of_springs(torques) for torques in (load, rate, jerk)]
         if "stiffness_curve" in self.extras:
             softness = curve_softness(twisting[0], p)
             twists = [curve_twist(twisting[0], p), softness * twisting[1], softness * twisting[2]]

@@ -15,6 +15,7 @@ from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Links, Pendulum
 from flexhinf.robot.elastic import INNER, reflected, torque_per_input
 from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist, meshed, tooth_error, tooth_ripple
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.parameters import PlantValues
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
@@ -47,18 +48,19 @@ def plant_columns(
 def equilibrium(
     links: Links,
     drive: str,
-    elastic: list[int],
+    layout: Layout,
     q: np.ndarray,
     packed: Mapping[str, Any],
     on: Collection[str],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State and input at rest with links at q (n,): q2 = q1 + K⁻¹ G(q1), exactly.
+    """State and input at rest with links at q (n,): q2 = T q1 + K⁻¹ T⁻ᵀ G(q1), exactly, with T of `Layout`.
 
     With the curve of a gear, q2 = q1 + δ(G). `packed` are the parameters of the plant, `on` its extras. Of N robots,
     joints are in the first axis of each array and robots in the last one.
     """
     p = Parameters(packed)
-    held = links.gravity_torque(q, p)
+    elastic, at = layout.elastic, layout.at_motors(q)
+    held = layout.on_motors(links.gravity_torque(q, p))
     weight, stiffness = np.asarray(held)[elastic], np.atleast_1d(p.stiffness)
     curve = "stiffness_curve" in on
     twist = curve_twist(weight, p) if curve else weight / stiffness
@@ -81,23 +83,23 @@ def equilibrium(
         twist = (
             twist + 0.5 * np.sign(weight) * (np.abs(weight) > ROUNDING * mass * abs(p.gravity)) * p.backlash
         )
-    held, motors = np.array(held, dtype=float), q[elastic] + twist
+    held, motors = np.array(held, dtype=float), at[elastic] + twist
     if "kinematic_error" in on:
         ratio = np.atleast_1d(p.gear_ratio)[elastic]
         motors = meshed(motors, ratio, p)
-        twist = motors - q[elastic]
+        twist = motors - at[elastic]
         held[elastic] *= 1.0 + tooth_error(motors, ratio, p)[1]
     if "torque_ripple" in on:
-        at = np.array(q, dtype=float)
-        at[elastic] = motors
-        held = held + tooth_ripple(at, p)
+        turned = np.array(at, dtype=float)
+        turned[elastic] = motors
+        held = held + tooth_ripple(turned, p)
     still = np.zeros(q.shape)
     states, effort = [q, still, motors, still[elastic]], np.array(held, dtype=float)
     if drive in INNER:
         gain = torque_per_input(drive, p)
         effort = np.asarray(p.load_share * held / gain, dtype=float)
         if drive == "position":
-            effort = effort + q
+            effort = effort + at
             effort[elastic] += twist
     elif drive != "torque":
         effort = np.asarray(held / p.torque_constant, dtype=float)

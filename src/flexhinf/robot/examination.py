@@ -211,7 +211,8 @@ def joint_facts(robot: Robot) -> list[JointFacts]:
     poses = np.vstack([np.asarray(robot.home, dtype=float)[None, :], poses])
     numbers = robot.plant_parameters()
     p = Parameters(numbers)
-    weights = np.abs(robot.links.gravity_torque(poses.T, Parameters(robot.heaviest))).max(axis=1)
+    held = robot.links.gravity_torque(poses.T, Parameters(robot.heaviest))
+    weights = np.abs(robot.layout.on_motors(held)).max(axis=1)
     weights[weights < ROUNDING * weights.max()] = 0.0  # an axis that gravity does not turn
     seen: dict[str, list[float]] = {name: [] for name in robot.joint_names}
     for pose in poses[:: max(1, POSES // 12)]:

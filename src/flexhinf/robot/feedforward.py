@@ -187,4 +187,4 @@ class Feedforward(StatedRepr):
     @property
     def inverse(self) -> InverseFlow:
         """The inverse dynamics with the motors' torques for inputs."""
-        return InverseFlow(self.robot.links, "torque", rigid=self.robot.layout.rigid)
+        return InverseFlow(self.robot.links, "torque", layout=self.robot.layout)

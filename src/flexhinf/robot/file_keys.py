@@ -191,6 +191,12 @@ def _named(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> di
     return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
+def _shares(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, float]:
+    if not isinstance(value, dict) or not value:
+        raise Unusable("what the motor turns by, by names of joints", "{ shoulder = 1.0, elbow = 1.0 }")
+    return {name: _number(file, entry, key, (*place, name)) for name, entry in value.items()}
+
+
 def _corrections(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     """``[links.NAME] inertia = "nearest"``, or its six components, by the names of links of a URDF or an MJCF file."""
     if not isinstance(value, dict):
@@ -329,6 +335,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "effort_limit": _POSITIVE._replace(units=_EFFORT),
         "link": Key(_table, inside="link"),
         "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
+        "coupling": Key(_shares),
         "spring": Key(_spring, inside="spring"),
         "motor": Key(_table, inside="motor", default={}),
         "sensor": Key(_sensors, inside="sensor", default=[]),

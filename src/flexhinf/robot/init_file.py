@@ -11,6 +11,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.robot.actuators import published_joints
 from flexhinf.robot.drive_text import DriveLines, drive_lines
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
@@ -123,10 +124,12 @@ def _listed(names: Sequence[str]) -> str:
 
 
 # Text ---------------------------------------------------------------------------------------------
-def robot_file_text(found: Description, arm: RigidArm, out: Path, drive: str = "") -> str:
+def robot_file_text(
+    found: Description, arm: RigidArm, out: Path, drive: str = "", rigid: Sequence[str] = ()
+) -> str:
     """A robot file beside which `out` is: every joint that moves, numbers of the file, estimates of the others.
 
-    `drive`: "velocity" or "position" where its motors have loops of their own.
+    `drive`: "velocity" or "position" where its motors have loops of their own. `rigid`: joints without a spring.
     """
     file, key = found.path.name, "mjcf" if found.is_mjcf else "urdf"
     beside = Path(os.path.relpath(found.path.absolute(), out.absolute().parent)).as_posix()
@@ -146,11 +149,18 @@ def robot_file_text(found: Description, arm: RigidArm, out: Path, drive: str = "
         value = _text(NEAREST) if isinstance(inertia, str) else _moments(inertia)
         lines += ["", f"[links.{toml_key(link)}]", f"inertia = {value}"]
     stated = {} if found.is_mjcf else transmissions(found.root)
+    coupled = {} if found.is_mjcf else couplings(found.root, found.joints)
     for joint, speed, (name, guess) in zip(
         arm.joints, arm.speeds, estimated_joints(arm).items(), strict=True
     ):
         loop = drive_lines(drive, joint.limits, speed, joint.slides) if drive else None
-        lines += ["", *_joint(name, guess, arm.motors.get(name, {}), stated.get(name, {}), file, loop)]
+        lines += ["", "[[joint]]", f"name = {_text(name)}"]
+        if name in coupled:
+            row = ", ".join(f"{toml_key(joint)} = {factor:g}" for joint, factor in coupled[name].items())
+            lines += [f"coupling = {{ {row} }}  # <transmission> of {file}"]
+        lines += _joint(
+            name, guess, arm.motors.get(name, {}), stated.get(name, {}), file, loop, name in rigid
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -161,19 +171,26 @@ def _joint(
     gear: Mapping[str, float],
     file: str,
     loop: DriveLines | None,
+    rigid: bool,
 ) -> Iterator[str]:
-    yield from ("[[joint]]", f"name = {_text(name)}")
+    own, known = dict(numbers), published_as(name)
+    if known:
+        yield f"actuator = {_text(known)}"
     if loop is not None:
         yield from filter(None, [loop.limit])
     elif not guess.stated:
         yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what weight asks for"
-    yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}", "[joint.motor]")
-    own = dict(numbers)
+    if rigid:
+        yield f"rigid = true  # {ESTIMATE}: its spring vibrates faster than samples of 1 ms show"
+    else:
+        yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}")
+    yield "[joint.motor]"
+    published = published_joints()[known].numbers if known else {}
     if "rotor_inertia" in gear and "gear_ratio" in gear and "motor_inertia" not in own:
         own |= gear
-    elif "motor_inertia" not in own:
+    elif not {"motor_inertia"} & {*own, *published}:
         yield f"motor_inertia = {_number(vars(guess.motor_inertia))}"
-    if "friction" not in own:
+    if not {"friction"} & {*own, *published}:
         yield f"friction = {_number(vars(guess.friction))}"
     for quantity, value in own.items():
         yield f"{quantity} = {_number({'value': value, 'source': file})}"
@@ -220,6 +237,44 @@ def transmissions(root: Element) -> dict[str, dict[str, float]]:
                     continue
                 if 0.0 < abs(value) < float("inf"):
                     numbers[key] = abs(value)
-        for joint in one.iter("joint"):
+        joints = list(one.iter("joint"))
+        for joint in joints if len(joints) == 1 else ():  # two motors of one have numbers of their own
             gears[joint.get("name", "")] = numbers
     return gears
+
+
+def couplings(root: Element, moving: Sequence[str]) -> dict[str, dict[str, float]]:
+    """What the motors of two joints turn by, of differential and four-bar <transmission>s: rows of θ = T q by joint.
+
+    ROS states joints by actuators a behind their gears, and gears n of joints. Of a differential q₁ = (a₁ + a₂)/2n₁ and
+    q₂ = (a₁ − a₂)/2n₂: motors are seen from the first joint, θ = a/n₁. Of a four-bar linkage q₁ = a₁/n₁ and
+    q₂ = (a₂ − q₁)/n₂: each is seen from its own.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for one in root.iter("transmission"):
+        kind = (one.findtext("type") or one.get("type") or "").strip().rpartition("/")[2]
+        joints = one.findall("joint")
+        pair = [joint.get("name", "") for joint in joints]
+        if len(pair) != 2 or not {*pair} <= {*moving}:
+            continue
+        first, second = (_positive(joint.findtext("mechanicalReduction")) for joint in joints)
+        if kind == "DifferentialTransmission":
+            found[pair[0]] = {pair[0]: 1.0, pair[1]: second / first}
+            found[pair[1]] = {pair[0]: 1.0, pair[1]: -second / first}
+        elif kind == "FourBarLinkageTransmission":
+            found[pair[1]] = {pair[0]: 1.0 / second, pair[1]: 1.0}
+    return found
+
+
+def published_as(joint: str) -> str:
+    """The published joint that a vendor's files call so; "" for any other."""
+    return next((name for name, row in published_joints().items() if joint in row.joints), "")
+
+
+def _positive(text: str | None) -> float:
+    """A gear's ratio from a file; 1 where it states none."""
+    try:
+        value = abs(float(text or "1"))
+    except ValueError:
+        return 1.0
+    return value if 0.0 < value < float("inf") else 1.0

@@ -366,7 +366,8 @@ def check_fast(robot: Robot, period: float) -> None:
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
     root, elastic = np.sqrt(stiffness), robot.layout.elastic
     moved = _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
-    inverse = np.linalg.inv(moved)[np.ix_(elastic, elastic)] + np.diag(1.0 / motors[elastic])
+    turned = robot.layout.matrix[elastic]
+    inverse = turned @ np.linalg.inv(moved) @ turned.T + np.diag(1.0 / motors[elastic])
     # Energies of the springs, all else free.
     squares, vectors = np.linalg.eigh(root[:, None] * inverse * root)
     frequency = float(np.sqrt(squares[-1]))
@@ -389,7 +390,9 @@ def check_delay(robot: Robot, delay: float) -> None:
     """Refuse a delay, s, longer than a period of the lowest vibration: no loop damps what it answers so late."""
     p, elastic = Parameters(robot.plant_parameters()), robot.layout.elastic
     held = _mass_matrix(robot, p)[np.ix_(elastic, elastic)]
-    squares = np.linalg.eigvals(np.linalg.solve(held, np.diag(np.atleast_1d(p.stiffness))))
+    turned = robot.layout.matrix[np.ix_(elastic, elastic)]
+    springs = turned.T @ np.diag(np.atleast_1d(p.stiffness)) @ turned
+    squares = np.linalg.eigvals(np.linalg.solve(held, springs))
     longest = 2.0 * np.pi / float(np.sqrt(squares.real.min()))
     refuse_if(
         delay > longest,
@@ -528,8 +531,8 @@ def check_load(robot: Robot, file: str) -> None:
     nominal, gravity, joints = robot.nominal, robot.nominal["gravity"], robot.links.tree.joints
     n = len(joints)
     poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]
-    # Largest |G| of each joint, N·m or N.
-    torques = [np.array(robot.links.gravity_torque(pose, p), dtype=float) for pose in poses]
+    # Largest weight at each motor, N·m or N.
+    torques = [robot.layout.on_motors(np.array(robot.links.gravity_torque(pose, p), float)) for pose in poses]
     weights = np.abs(torques).max(axis=0)
     ask(
         abs(gravity) > GRAVITY,

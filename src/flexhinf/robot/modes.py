@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.robot.elastic import Layout
+from flexhinf.robot.layout import Layout
 from flexhinf.scalars.spectral import damping_ratio
 
 #: An oscillation is a vibration of the springs if they hold this fraction or more of the energy of springs and moving
@@ -63,21 +63,33 @@ class Mode:
         return 1.0 / abs(self.eigenvalue.real) if self.damping else None
 
 
-def modes_of(
-    a: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
-) -> tuple[Mode, ...]:
+class Energy(NamedTuple):
+    """What tells fractions of energy: K (n,) of the springs, the inertia of links and motors (2n, 2n), and T (n, n) of
+    the motors that move more than one joint. Of a rigid joint K is infinite, and its motor's inertia is part of the
+    link's."""
+
+    stiffness: np.ndarray
+    inertia: np.ndarray
+    coupling: np.ndarray
+
+
+def modes_of(a: np.ndarray, joints: Sequence[str], *energy: np.ndarray) -> tuple[Mode, ...]:
     """Modes of ẋ = A x, slowest first; see `named_modes`."""
-    return named_modes(*np.linalg.eig(a), joints, stiffness, inertia)
+    return named_modes(*np.linalg.eig(a), joints, *energy)
 
 
 def named_modes(
-    values: np.ndarray, vectors: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+    values: np.ndarray,
+    vectors: np.ndarray,
+    joints: Sequence[str],
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+    coupling: np.ndarray,
 ) -> tuple[Mode, ...]:
     """Modes by name, slowest first.
 
     Eigenvalues (N,), 1/s, and eigenvectors (N, N) in columns are of a state that begins with link positions, link
-    velocities, motor positions, motor velocities. The stiffness (n,) of the springs and the inertia (2n, 2n) of links
-    and motors tell fractions of energy; of a rigid joint they are infinite, and zero for its motor.
+    velocities, motor positions, motor velocities. The others are those of `Energy`.
     """
     fastest, n, modes = np.abs(values).max(initial=0.0), len(joints), []
     weight, rigid = np.diag(inertia), np.isinf(stiffness)
@@ -86,7 +98,7 @@ def named_modes(
         if value.imag < 0.0:
             continue
         q, dq, theta, _ = np.split(layout.whole(vector), 4)
-        spring = springs * np.abs(theta - q) ** 2
+        spring = springs * np.abs(theta - coupling @ q) ** 2
         kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
         fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
         still = abs(value) <= STANDS_STILL * fastest
@@ -96,14 +108,9 @@ def named_modes(
     return tuple(sorted(modes, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
 
 
-def stiffness_and_inertia(
-    plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium.
-
-    Of a rigid joint K is infinite, and its motor's inertia is part of the link's.
-    """
-    p, layout = plant.parameters.named(plant.parameters.vector()), Layout.of(plant.states)
+def stiffness_and_inertia(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> Energy:
+    """The energies from the plant's own linearisation in equilibrium."""
+    p, layout = plant.parameters.named(plant.parameters.vector()), Layout.of_plant(plant)
     n, elastic = layout.n, layout.elastic
     stiffness, motors = np.full(n, np.inf), np.zeros(n)
     stiffness[elastic] = np.atleast_1d(p.stiffness)
@@ -111,9 +118,9 @@ def stiffness_and_inertia(
     a, _, torques, _ = plant.linearise(*equilibrium)
     links = (
         np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
-        if layout.rigid
+        if layout.rigid or layout.coupling
         else np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
     )
     inertia = np.zeros((2 * n, 2 * n))
     inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
-    return stiffness, inertia
+    return Energy(stiffness, inertia, layout.matrix)

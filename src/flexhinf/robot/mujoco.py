@@ -1,7 +1,7 @@
 """A robot in MuJoCo: an independent physics engine as the true plant of `flexhinf.Loop`, and its viewer beside a run.
 
 MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with `armature`
-making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the tendon's own
+making up its inertia, and a fixed tendon θ − T q with the joint's stiffness is the spring; backlash is the tendon's own
 dead band. The curve of a gear is three tendons side by side, with dead bands that end at its corners. Dry friction is
 MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`): the rotor sticks but for a creep that is
 far below the one of our smoothed friction.
@@ -139,8 +139,8 @@ class MuJoCoView:
 
     def _lines(self, larger: float) -> tuple[np.ndarray, ...]:
         n = len(self._robot.joint_names)
-        x = self._robot.layout.whole(self._state)
-        return skeleton(self._robot, x[:n] + larger * (x[2 * n : 3 * n] - x[:n]))
+        links = self._state[:n]
+        return skeleton(self._robot, links + larger * (self._robot.layout.relaxed(self._state) - links))
 
 
 #: The part of a rotor's inertia that MuJoCo's body has; the rest is its armature.
@@ -331,9 +331,17 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
             f'<body><joint name={quoteattr(motors[i])} type="{"slide" if slides else "hinge"}" axis="{axis}" {own[i]}/>'
             f'<inertial pos="0 0 0" mass="{_n(mass)}" diaginertia="{_row([moment] * 3)}"/></body>'
         )
+    ends = [
+        "".join(
+            f'<joint joint={quoteattr(links[j])} coef="{_n(-factor)}"/>'
+            for j, factor in enumerate(row)
+            if factor
+        )
+        for row in layout.matrix.tolist()
+    ]
     springs = [
         f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-half)} {_n(half)}">'
-        f'<joint joint={quoteattr(motors[i])} coef="1"/><joint joint={quoteattr(links[i])} coef="-1"/></fixed>'
+        f'<joint joint={quoteattr(motors[i])} coef="1"/>{ends[i]}</fixed>'
         for parts in twist
         for i, k, c, half in zip(layout.elastic, *parts)
         if k or c

@@ -415,7 +415,7 @@ def assembled(
     down : (3,)
         Direction of free fall in the world's frame.
     **settings
-        penalty, home, description, effort_limits and speed_limits as for `Robot`.
+        penalty, home, description, effort_limits, speed_limits and coupling as for `Robot`.
 
     Raises InvalidInput: if the parts do not fit each other, are driven in different ways, or do not make a robot.
     """

@@ -25,7 +25,6 @@ from flexhinf.robot.elastic import (
     SPRING,
     ElasticFlow,
     InverseFlow,
-    Layout,
     Sticking,
     checked_extras,
     reflected,
@@ -34,6 +33,7 @@ from flexhinf.robot.elastic import (
 )
 from flexhinf.robot.equilibrium import equilibrium, plant_columns
 from flexhinf.robot.joint_sensors import JointSensor, check_sensors
+from flexhinf.robot.layout import Layout, checked_coupling
 from flexhinf.robot.modes import Mode, modes_of, stiffness_and_inertia
 from flexhinf.robot.parameters import (
     Parameter,
@@ -99,6 +99,8 @@ class Robot(Pictured):
     rigid : sequence of str, optional
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
+    coupling : (n, n), optional
+        T of θ = T q, where motors move more than their own joints; see `flexhinf.robot.layout`.
     sensors : sequence of JointSensor, optional
         The sensors that the robot has, with their steps and noise. Without any, a design may measure whatever it names.
     file, reader : Path and function, optional
@@ -126,6 +128,7 @@ class Robot(Pictured):
     effort_limits: Sequence[float | None] | None = None
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
+    coupling: Sequence[Sequence[float]] = ()
     sensors: Sequence[JointSensor] = ()
     drive_delay: float = 0.0
     drive_period: float = 0.0
@@ -159,6 +162,9 @@ class Robot(Pictured):
         )
         object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(
+            self, "coupling", checked_coupling(self.name, self.coupling, self.joint_names, self.rigid)
+        )
         check_sensors(self.name, self.sensors, self.joint_names, self.rigid)
         names = [parameter.name for parameter in self.parameters]
         needed = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names, self.rigid))
@@ -186,7 +192,7 @@ class Robot(Pictured):
     @cached_property
     def layout(self) -> Layout:
         """Where the joints stand in the state of `plant`."""
-        return Layout(len(self.joint_names), tuple(sorted(map(self.joint_names.index, self.rigid))))
+        return Layout.named(self.joint_names, self.rigid, self.coupling)
 
     @cached_property
     def nominal(self) -> dict[str, float]:
@@ -228,7 +234,7 @@ class Robot(Pictured):
         """Damping D = τ K by elastic joint of which the robot states none, N·m·s/rad or N·s/m; 0 counts as stated. τ is
         that of `flexhinf.robot.springs` at home."""
         joints, plant, found = self.joint_names, self.plant(), {}
-        for spring in springs_of(plant.linearise(*self.operating_point())[0], plant, joints):
+        for spring in springs_of(plant.linearise(*self.operating_point())[0], plant, joints, self.layout):
             name, stiffness = (per_joint(each, spring.joint, len(joints)) for each in (DAMPING, "stiffness"))
             if name not in self.nominal:
                 unit = unit_of(DAMPING, self.links.slides[joints.index(spring.joint)])
@@ -326,7 +332,8 @@ class Robot(Pictured):
                 if ends is not None
             },
             engaged=self.layout.engaged if "backlash" in on else None,
-            arrest=Sticking(len(joints), sticks, on, self.drive) if sticks else None,
+            coupling=self.layout.coupling,
+            arrest=Sticking(self.layout, sticks, on, self.drive) if sticks else None,
         )
         return built[key]
 
@@ -352,14 +359,8 @@ class Robot(Pictured):
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
-        return equilibrium(
-            self.links,
-            self.drive,
-            self.layout.elastic,
-            q,
-            packed,
-            checked_extras(extras, False, packed, self.name),
-        )
+        on = checked_extras(extras, False, packed, self.name)
+        return equilibrium(self.links, self.drive, self.layout, q, packed, on)
 
     def starting_states(
         self, poses: np.ndarray, extras: str | Sequence[str], parameters: Mapping[str, np.ndarray]
@@ -375,7 +376,7 @@ class Robot(Pictured):
             columns = {name: np.atleast_2d(column) for name, column in columns.items()}
         on = checked_extras(extras, False, columns, self.name)
         return equilibrium(
-            self.links, self.drive, self.layout.elastic, np.asarray(poses, dtype=float).T, columns, on
+            self.links, self.drive, self.layout, np.asarray(poses, dtype=float).T, columns, on
         )[0].T
 
     def modes(self, pose: Numbers = None, parameters: Mapping[str, Any] | None = None) -> tuple[Mode, ...]:
@@ -411,7 +412,7 @@ class Robot(Pictured):
         """
         table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
         flow = InverseFlow(
-            self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout.rigid
+            self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout
         )
         joints, arrays = self.joint_names, []
         for name, value in zip(ORDERS, (q, dq, ddq, dddq, ddddq)):
@@ -441,7 +442,7 @@ class Robot(Pictured):
 
     def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
-        return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
+        return InverseFlow(self.links, self.drive, layout=self.layout)(q, dq, ddq, dddq, ddddq, p)
 
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
         """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_flow`.
@@ -456,7 +457,8 @@ class Robot(Pictured):
             "a law without exact linearisation",
         )
         q, dq, theta, dtheta = self.layout.split(x)
-        spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
+        pairs = (q, theta), (dq, dtheta)
+        spring, rate = (self.layout.on_links(p.stiffness * (b - self.layout.at_springs(a))) for a, b in pairs)
         ddq = self.links.accelerations(q, dq, spring, p)
         moved = self.links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p)
         return q, dq, ddq, derivative(moved, 1)

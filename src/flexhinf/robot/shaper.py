@@ -20,6 +20,7 @@ from flexhinf.arrays import Matrix
 from flexhinf.errors import refuse_if
 
 if TYPE_CHECKING:
+    from flexhinf.robot.layout import Layout
     from flexhinf.robot.robot import Robot
 
 #: Poses at which the slowest vibration is looked for, and the half of a range without ends, rad or m.
@@ -38,34 +39,32 @@ def spring_matrices(robot: Robot) -> Any:
 
     table = ParameterTable(dict(robot.plant_parameters()))
     shapes = tuple((name, value.shape) for name, value in table.values.items())
-    return _spring_matrices(
-        robot.links, robot.drive, robot.layout.rigid, shapes, tuple(table.vector().tolist())
-    )
+    return _spring_matrices(robot.links, robot.drive, robot.layout, shapes, tuple(table.vector().tolist()))
 
 
 @lru_cache(maxsize=16)
 def _spring_matrices(
     links: Any,
     drive: str,
-    rigid: tuple[int, ...],
+    layout: Layout,
     shapes: tuple[tuple[str, tuple[int, ...]], ...],
     vector: tuple[float, ...],
 ) -> Any:
     import casadi as ca
 
     from flexhinf.plant.model import ParameterTable
-    from flexhinf.robot.elastic import InverseFlow, Layout, traced_inverse
+    from flexhinf.robot.elastic import InverseFlow, traced_inverse
 
-    n = len(links.tree)
-    elastic, still = Layout(n, rigid).elastic, ca.DM.zeros(n)
+    n, elastic = layout.n, layout.elastic
+    still, moved = ca.DM.zeros(n), ca.DM(layout.inverse[:, elastic])  # what moves the output of one gear alone
     p = vars(ParameterTable({name: np.zeros(shape) for name, shape in shapes}).named(np.array(vector)))
     stiffness = ca.DM(np.atleast_1d(p["stiffness"]))
     q, acceleration = ca.SX.sym("q", n), ca.SX.sym("a", n)
-    inverse = traced_inverse(InverseFlow(links, "torque", rigid=rigid), shapes)
+    inverse = traced_inverse(InverseFlow(links, "torque", layout=layout), shapes)
     state, _ = inverse(q, still, acceleration, still, still, ca.DM(vector))
-    load = stiffness * (state[2 * n : 2 * n + len(elastic)] - q[elastic])
-    mass = ca.jacobian(load, acceleration)[:, elastic]
-    slope = ca.jacobian(ca.substitute(load, acceleration, still), q)[:, elastic]
+    load = stiffness * (state[2 * n : 2 * n + len(elastic)] - (ca.DM(layout.matrix) @ q)[elastic])
+    mass = ca.jacobian(load, acceleration) @ moved
+    slope = ca.jacobian(ca.substitute(load, acceleration, still), q) @ moved
     softness = 1.0 / stiffness
     if drive == "position":
         yields = np.broadcast_to(np.divide(p["load_share"], p["drive_stiffness"]), n)

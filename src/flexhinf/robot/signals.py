@@ -16,7 +16,8 @@ import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.plant.penalty import Penalty, check_weighted
-from flexhinf.robot.elastic import Layout, spring_torques
+from flexhinf.robot.elastic import spring_torques
+from flexhinf.robot.layout import Layout
 from flexhinf.robot.parameters import parameter_units, per_joint
 from flexhinf.validation import checked_names, nearest
 
@@ -179,7 +180,7 @@ class Sensors:
         )
         if {*torques, *twists} & set(self.names):
             q, dq = (self.layout.at_springs(links) for links in (q, dq))
-            ratio = self.layout.at_springs(p.gear_ratio) if "kinematic_error" in self.extras else None
+            ratio = self.layout.of_springs(p.gear_ratio) if "kinematic_error" in self.extras else None
             signals |= dict(zip(torques, spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)[0]))
             signals |= dict(zip(twists, theta - q))
         return np.array([signals[name] for name in self.names])

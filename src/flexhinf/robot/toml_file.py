@@ -27,6 +27,7 @@ from flexhinf.robot.file_keys import (
 from flexhinf.robot.gears import CURVE
 from flexhinf.robot.joint_sensors import file_sensors
 from flexhinf.robot.kinematics import check_geometry, check_load
+from flexhinf.robot.layout import coupling_rows
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
 from flexhinf.robot.parts import (
@@ -287,6 +288,9 @@ class RobotFile:
             settings["penalty"] = Penalty(table["penalty"]["weights"], effort=table["penalty"]["effort"])
         if (down := table.get("down", direction)) is not None:
             settings["down"] = down
+        coupled = {row["name"]: row["coupling"] for row in rows if "coupling" in row}
+        with located(self.file):
+            settings["coupling"] = coupling_rows(coupled, [row["name"] for row in rows])
         return settings | {
             "gravity": self._number(table["gravity"], "gravity") if "gravity" in table else fall,
             "effort_limits": [row.get("effort_limit", other) for row, other in zip(rows, efforts or nothing)],

@@ -238,7 +238,7 @@ def arm_frames(nominal: Nominal, response: Response) -> PlotData:
     robot, run = nominal.robot, response.run
     rows = np.unique(np.linspace(0, len(run.time) - 1, FRAMES).astype(int))
     n, state = len(robot.joint_names), run.signals["state"][rows]
-    links, motors = state[:, :n], robot.layout.whole(state.T)[2 * n : 3 * n].T
+    links, motors = state[:, :n], robot.layout.relaxed(state.T).T
     usable = np.isfinite(links).all(axis=1) & np.isfinite(motors).all(axis=1)
     rows, links, motors = rows[usable], links[usable], motors[usable]
     goal, seen = kinematics.skeleton(robot, nominal.setup.goal), kinematics.picture_axes(robot)

@@ -183,7 +183,8 @@ def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> 
         seen = seen if k % 700 else rng.uniform(lower, upper)
         before = shown
         shown, far, _ = governed(
-            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, r, before, far, np.ones(1), [PERIOD], numbers
+            tracked, places, (), np.append(seen, [0.0, 0.0]), shown[:4], r, r, before, far, np.ones(1), [PERIOD],
+            numbers,
         )  # fmt: skip
         assert np.all(far[np.abs(r[:2] - seen) > distance] == 1.0)
         moved = far == 1.0
@@ -210,7 +211,7 @@ def test_a_late_joint_brakes_with_its_command() -> None:
         r = np.zeros(states)
         r[0], r[2] = t**3 * (10.0 - 15.0 * t + 6.0 * t**2), 30.0 * t**2 * (1.0 - t) ** 2 / 0.9
         shown, far, _ = governed(
-            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, before, shown, far,
+            tracked, places, (), np.append(seen, [0.0, 0.0]), shown[:4], r, before, shown, far,
             np.array([float(k > 0)]), [PERIOD], rows,
         )  # fmt: skip
         seen = seen if k < 150 else shown[:2].copy()
@@ -301,3 +302,16 @@ def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:
         made(supervision=hold)
     with refused_with(InvalidInput, "governor", "-1.0"):
         Governor([0.1], [-1.0], [1.0], [0.0], [1.0])
+
+
+def test_motors_of_coupled_joints_are_shifted_as_these_joints_turn_them() -> None:
+    tracked, places = [Source(True, 0, 0), Source(True, 1, 1)], ((0, 2, 4, 6), (1, 3, 5, 7))
+    turned, seen, r = ((1.0, 0.0), (1.0, 1.0)), np.array([0.9, -1.4]), np.zeros(10)
+    shown, far, _ = governed(
+        tracked, places, turned, np.append(seen, [0.0, 0.0]), seen, r, r, r, np.zeros(2), np.zeros(1), [PERIOD],
+        BACK.data(PERIOD),
+    )  # fmt: skip
+    assert np.array_equal(far, [1.0, 1.0])
+    assert np.abs(shown[:2]).min() > 0.0
+    np.testing.assert_allclose(shown[4:6], np.array(turned) @ shown[:2], rtol=1e-12)
+    np.testing.assert_allclose(shown[6:8], np.array(turned) @ shown[2:4], rtol=1e-12)

@@ -32,7 +32,7 @@ from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_g
 from flexhinf.loop.simulation.metrics import LASTING
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
-from flexhinf.robot.modes import modes_of, stiffness_and_inertia
+from flexhinf.robot.modes import Energy, modes_of, stiffness_and_inertia
 
 #: Number of tolerance corners in a search, besides the nominal robot; and number of corners from which the worst ones
 #: for the first weights join the second search.
@@ -49,7 +49,7 @@ class LinearFamily:
     a: np.ndarray  # (N, n, n)
     b: np.ndarray  # (N, n, m)
     torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter the nominal robot
-    energy: tuple[np.ndarray, np.ndarray]  # nominal stiffness and inertia, by which vibrations are named
+    energy: Energy  # nominal, by which vibrations are named
     robot: Robot
     goal: np.ndarray  # (n,), link positions, rad or m
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always

@@ -211,6 +211,13 @@ def check_seen(robot: Robot, signals: Sequence[str]) -> None:
     }
     unseen = [name for name in joints if name not in seen]
     missing = [per_joint("motor_position", name, len(joints)) for name in unseen]
+    whole = [{*signal_names(side, joints)} <= {*signals} for side in ("link_position", "motor_position")]
+    refuse_if(
+        robot.coupling and not any(whole),
+        "The joints are coupled, and sensors of some links and some motors do not say together where they are.",
+        f"expected motor_position of every joint, or link_position of every joint, got {list(signals)}",
+        "measured=('motor_position',)",
+    )
     refuse_if(
         unseen,
         f"No sensor measures where {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'}.",

@@ -252,7 +252,9 @@ class WorkspaceSetup(LoopPlants):
         distance = np.maximum(FAR_TIME * self._speed, FAR * self._radian)
         rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
         most = None if self.resistance is None else self.resistance.tolist()
-        return Governor(*(row.tolist() for row in rows), resistance=most)
+        return Governor(
+            *(row.tolist() for row in rows), resistance=most, coupling=self.robot.coupling or None
+        )
 
     @cached_property
     def resistance(self) -> np.ndarray | None:

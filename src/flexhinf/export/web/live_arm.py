@@ -277,6 +277,7 @@ class LiveArm:
             upper=_listed(limits.upper),
             command_of=self._commanded,
             motor_of=", ".join(map(str, self._motors)),
+            back=_listed(self.robot.layout.inverse),
             parents=", ".join(str(parent) for parent in self.robot.links.tree.parents),
             slides=", ".join(str(int(slides)) for slides in self.robot.links.slides),
             standstill=_call(standstill, ["q", "p"], "xu"),
@@ -370,7 +371,7 @@ class LiveArm:
     @cached_property
     def _inverse(self) -> casadi.Function:
         robot, n = self.robot, len(self.robot.joint_names)
-        flow = InverseFlow(robot.links, robot.drive, self._curve, robot.layout.rigid)
+        flow = InverseFlow(robot.links, robot.drive, self._curve, robot.layout)
         table = ParameterTable(self.plant.parameters.values)
         more = np.zeros(self.plant.n - robot.layout.mechanical)
 
@@ -532,18 +533,21 @@ class LiveArm:
         robot, plant = self.robot, self.robot.plant()
         places, n = joint_places(plant), len(robot.joint_names)
         points = [robot.operating_point(pose) for pose in (self.start, self.goal)]
-        joints = elastic_joints(plant, *points[0], rigid=True)
+        joints = elastic_joints(plant, *points[0], rigid=True, coupled=True)
         inertia = np.diag(joints.link_inertia) + joints.motor_inertia
         push = np.minimum(TWISTED * joints.stiffness, PUSHED * inertia)
         frames = np.asarray(self._frames(self.start), dtype=float).reshape(n, 15)[:, 9:12]
         reach = float(np.linalg.norm(np.diff(frames, axis=0, prepend=np.zeros((1, 3))), axis=1).sum())
         reach += max(float(np.linalg.norm(end)) for end in self.ends if end is not None)
         turning = ~np.array(robot.links.slides)
-        windup = [np.abs(x[places[2]] - x[places[0]]) for x, _ in points] + [push / joints.stiffness]
+        windup = [np.abs(robot.layout.relaxed(x) - x[places[0]]) for x, _ in points] + [
+            push / joints.stiffness
+        ]
         seen = picture_axes(robot)
         return {
             "plane": seen.axes.T.tolist() if seen is not None and seen.planar else None,
             "states": plant.n, "motors": self._motors[:n], "elastic": [i not in robot.layout.rigid for i in range(n)],
+            "back": robot.layout.inverse.tolist(),
             "push": push.tolist(), "pull": float(push[turning].max() if turning.any() else push.max()) / reach,
             "magnified": magnification(np.array(windup), robot.links.slides, reach),
             "input_name": f"Motor {robot.drive}",

@@ -92,7 +92,7 @@ def tuned_gains(
     places = joint_places(plant)
     loops = [_Sampled.of(plant.linearise(*point)[:2], places, period, latency) for point in points]
     checks = _Checks.of(robot, [*poses, *corners], period, latency)
-    numbers = [elastic_joints(plant, *point, rigid=True) for point in points]
+    numbers = [elastic_joints(plant, *point, rigid=True, coupled=True) for point in points]
     joints = ElasticJoints(*(np.mean(values, axis=0) for values in zip(*numbers, strict=True)))
     natural = np.sqrt(joints.stiffness / np.diag(joints.link_inertia))
     largest = np.minimum(RATIOS[-1] * natural, PHASE / (period * (latency + 1)))
@@ -135,7 +135,7 @@ def stiff_gains(robot: Robot, pose: np.ndarray, period: float, latency: int) -> 
     delay of the loop would be above `STIFF_PHASE`.
     A joint without a spring has its link's inertia too. `period` in s; `latency` in samples; no margins are computed.
     """
-    joints = elastic_joints(robot.plant(), *robot.operating_point(pose), rigid=True)
+    joints = elastic_joints(robot.plant(), *robot.operating_point(pose), rigid=True, coupled=True)
     count = len(joints.motor_inertia)
     rigid = np.isin(np.arange(count), list(robot.layout.rigid))
     inertia = joints.motor_inertia + np.where(rigid, np.diag(joints.link_inertia), 0.0)
@@ -152,7 +152,7 @@ def stiff_gains(robot: Robot, pose: np.ndarray, period: float, latency: int) -> 
 
 def vibration_period(robot: Robot, pose: np.ndarray) -> float:
     """Period of the slowest vibration of the links against motors that stand still, s."""
-    joints = elastic_joints(robot.plant(), *robot.operating_point(pose), rigid=True)
+    joints = elastic_joints(robot.plant(), *robot.operating_point(pose), rigid=True, coupled=True)
     squares = np.linalg.eigvals(np.linalg.solve(joints.link_inertia, np.diag(joints.stiffness))).real
     return float(2.0 * np.pi / np.sqrt(squares.min()))
 

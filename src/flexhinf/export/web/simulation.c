@@ -62,6 +62,8 @@ static const int command_of[COMMANDS ? COMMANDS : 1] = {@{command_of}};
 static const double dry[4 * JOINTS] = {@{dry}};
 /* The state that each joint's motor position and speed are; of a rigid joint those of its link. */
 static const int motor_of[2 * JOINTS] = {@{motor_of}};
+/* What each motor adds to where a link would be without twist: rows of the inverse of the coupling. */
+static const double back[JOINTS * JOINTS] = {@{back}};
 
 /* A motion of the command: one polynomial of degree five in each joint, from a position, speed and acceleration. */
 typedef struct {
@@ -451,11 +453,12 @@ void EXPORT(command_now)(double *q)
 
 void EXPORT(motor_pose)(int k, int joint, double factor, double *out)
 {
-    double q[JOINTS];
+    double q[JOINTS], relaxed = 0.0;
     for (int i = 0; i < JOINTS; ++i) {
         q[i] = arms[k].x[i];
+        relaxed += back[JOINTS * joint + i] * arms[k].x[motor_of[i]];
     }
-    q[joint] += factor * (arms[k].x[motor_of[joint]] - q[joint]);
+    q[joint] += factor * (relaxed - q[joint]);
     pose_of(q, out);
 }
 

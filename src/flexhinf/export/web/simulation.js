@@ -155,10 +155,9 @@ class Simulation {
     return Array.from(this.states[arm].subarray(0, this.n));
   }
 
-  // Positions of the motors; of a joint without a spring that of its link.
+  // Where a link would be without twist of the springs: its motor, of coupled joints T⁻¹ θ; itself without a spring.
   motor(arm, joint) {
-    const place = this.s.motors[joint];
-    return this.states[arm][place];
+    return this.s.back[joint].reduce((sum, share, k) => sum + share * this.states[arm][this.s.motors[k]], 0);
   }
 
   windup(arm, joint) {

@@ -125,8 +125,8 @@ def ratios(record: LogRecord) -> Iterator[LogFinding]:
     """Motor and link of a joint that do not move as far, or not into the same direction."""
     outputs = {channel.name: channel for channel in record.outputs}
     for motor in record.outputs:
-        if motor.quantity != "motor_position":
-            continue
+        if motor.quantity != "motor_position" or (record.robot is not None and record.robot.coupling):
+            continue  # a motor of coupled joints moves as far as the sum of several
         link = outputs.get(motor.name.replace("motor", "link", 1))
         slope = None if link is None else _slope(record, motor, link)
         if link is None or slope is None or 1.0 / RATIO < slope < RATIO:

@@ -193,7 +193,7 @@ class Controller(Summarised):
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
-        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), ())
+        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), (), ())
         self.mode = Mode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),

@@ -80,6 +80,8 @@ class Governor(Listed):
     resistance : (k,), optional
         Acceleration of each joint, rad/s² or m/s², that the estimator's model does not explain, and above which a joint
         that is brought back lets go of what keeps it. It needs an estimator; None: joints push on.
+    coupling : (k, k), optional
+        T of a robot whose motors move more than their own joints, θ = T q.
 
     Raises
     ------
@@ -93,22 +95,28 @@ class Governor(Listed):
     lower: Sequence[float]
     upper: Sequence[float]
     resistance: Sequence[float] | None = None
+    coupling: Sequence[Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
-        stated = {name: value for name, value in vars(self).items() if value is not None}
+        stated = {
+            name: value for name, value in vars(self).items() if value is not None and name != "coupling"
+        }
         rows = {name: real_array(value) for name, value in stated.items()}
         sizes = [rows.pop(name) for name in ("lower", "upper")]
         alike = len({row.shape for row in (*sizes, *rows.values())}) == 1 and sizes[0].ndim == 1
         refuse_if(
             not alike
             or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
-            or not np.all(sizes[0] <= sizes[1]),
+            or not np.all(sizes[0] <= sizes[1])
+            or (self.coupling is not None and np.shape(self.coupling) != 2 * sizes[0].shape),
             "The governor of a controller does not fit the joints.",
             "expected a positive distance, speed, acceleration and resistance for each joint and lower <= upper, got "
             f"{value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )
         vars(self).update({name: tuple(real_array(value).tolist()) for name, value in stated.items()})
+        if self.coupling is not None:
+            vars(self)["coupling"] = tuple(tuple(row) for row in real_array(self.coupling).tolist())
 
     @property
     def text(self) -> str:
@@ -130,10 +138,10 @@ class Governor(Listed):
         supervision: Supervision | None,
         own: Sequence[int],
         estimator: Estimator | None,
-    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
-        """Places of the states that are shifted (k, 4), see `KINDS`, and of the velocities in an estimate that has the
-        states at `own`, () where no joint lets go. Refused where a law has no such states, the reference does not move,
-        a following error holds the joints where they are, or nothing says what resists them."""
+    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...], tuple[tuple[float, ...], ...]]:
+        """Places of the states that are shifted (k, 4), see `KINDS`, of velocities in an estimate with the states at
+        `own`, () where no joint lets go, and T of coupled joints. Refused where a law has no such states, the reference
+        does not move, a following error holds the joints where they are, or nothing says what resists them."""
         states, tracked = law.plant_states, law.tracked
         rows = [[name.replace(KINDS[0], kind) for kind in KINDS] for name in tracked]
         names = [[n if n in states else n.replace("motor", "link") for n in row] for row in rows]
@@ -156,7 +164,8 @@ class Governor(Listed):
         )
         places = tuple(tuple(states.index(name) for name in row) for row in names)
         velocities = [row[1] for row in places] if self.resistance is not None else []
-        return places, tuple(own[place] if own else place for place in velocities)
+        seen = tuple(own[place] if own else place for place in velocities)
+        return places, seen, tuple(map(tuple, self.coupling or ()))
 
     def data(self, period: float) -> np.ndarray:
         """Numbers of the step (6, k)."""
@@ -198,7 +207,7 @@ def brought_back(
             data.resistance,
         )
     r, kept["far"], lag = run.call(
-        partial(governed, tracked, mode.governed),
+        partial(governed, tracked, mode.governed, mode.turned),
         *seen,
         r,
         memory.reference,
@@ -252,6 +261,7 @@ def resisted(
 def governed(
     tracked: Sequence[Source],
     places: Sequence[Sequence[int]],
+    turned: Sequence[Sequence[float]],
     y: Any,
     estimate: Any,
     r: Any,
@@ -283,8 +293,12 @@ def governed(
         flag = where(absolute(goal - seen) > distance, 1.0, flag)
         flag = where(absolute(lag) > OVER * distance, flag, flag * (1.0 - slow))
         lag, ahead = where(flag > 0.5, lag, 0.0), where(flag > 0.5, ahead, 0.0)
-        for each, shift in dict(zip(row, (lag, ahead, lag, ahead))).items():
-            command[each] = r[each] + shift
+        shifts = dict(zip(row, (lag, ahead, lag, ahead)))
+        for motors, factors in zip(places, turned):  # of coupled joints, T times that
+            factor = factors[len(flags)]
+            shifts |= {motors[2]: factor * lag, motors[3]: factor * ahead} if factor else {}
+        for each, shift in shifts.items():
+            command[each] = command[each] + shift
         flags.append(flag)
         lags.append(where(clipped > 0.0, lag, 0.0))
     return np.array(command), np.array(flags), np.array(lags)

@@ -426,6 +426,8 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
     found = None if series is None else {"poles": series.poles, "places": series.places.tolist()}
     if series is not None and series.holding:
         found = {**(found or {}), "holding": True}
+    if series is not None and series.coupling is not None:
+        found = {**(found or {}), "coupling": series.coupling.tolist()}
     arrays |= _prefixed(prefix, {name: np.asarray(part) for name, part in parts.items()})
     return {
         "name": law.kind,
@@ -478,7 +480,8 @@ def _stored_series(
     own = sum(not name.endswith(INTEGRAL) for name in names[0])
     places, poles = np.array(header["places"], dtype=np.int64), int(header["poles"])
     compliance = function_from_arrays(_below("compliance.", arrays), "compliance")
-    series = SpringSeries(compliance, places, poles, header.get("holding") is True)
+    turned = np.array(_rows(header.get("coupling"), inputs)) if "coupling" in header else None
+    series = SpringSeries(compliance, places, poles, header.get("holding") is True, turned)
     fits = (
         poles > 0
         and places.shape == (4, inputs)
@@ -491,6 +494,16 @@ def _stored_series(
     if not fits:
         raise InvalidInput("Another law.", "expected springs in series that fit the signals and numbers")
     return series
+
+
+def _rows(stated: Any, size: int) -> tuple[tuple[float, ...], ...]:
+    """T (n, n) of coupled joints from a file; without rows where it states none."""
+    if stated is None:
+        return ()
+    matrix = np.array(stated, dtype=float)
+    if matrix.shape != (size, size) or not np.isfinite(np.linalg.cond(matrix)):
+        raise InvalidInput("Another coupling.", f"expected {size} rows with an inverse")
+    return tuple(tuple(row) for row in matrix.tolist())
 
 
 def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -525,6 +538,7 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
                 "limits": {name: list(ends) for name, ends in value.limits.items()},
                 **({"sampled": True} if value.sampled else {}),
                 **({"angles": list(value.angles)} if value.angles else {}),
+                **({"coupling": [list(row) for row in value.coupling]} if value.coupling else {}),
             }
         }
     if isinstance(value, np.ndarray):
@@ -562,5 +576,6 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
             {name: tuple(ends) for name, ends in header["limits"].items()},
             sampled=header.get("sampled", False),
             angles=header.get("angles", ()),
+            coupling=_rows(header.get("coupling"), len(header["inputs"])),
         )
     return arrays[f"{prefix}array"] if "array" in part else part["value"]

@@ -49,7 +49,7 @@ class Listed:
 
     def settings(self) -> dict[str, Any]:
         """The arguments as lists, for a file."""
-        return {name: list(value) for name, value in vars(self).items() if value is not None}
+        return {name: np.array(value).tolist() for name, value in vars(self).items() if value is not None}
 
 
 def checked_period(value: Any) -> float:

@@ -68,7 +68,7 @@ class Mode:
     `velocities`: places of the law's states that are zero at rest, where a moving reference may be held. `gaps`: places
     of links and motors with backlash between them. `governed`: of each tracked position, those of the states that are
     shifted with it, where far joints are brought back slowly; `resisted`: those of the velocities in the estimate,
-    where they let go of what keeps them.
+    where they let go of what keeps them; `turned`: T of joints that are coupled.
     """
 
     moving: bool = False
@@ -89,6 +89,7 @@ class Mode:
     gaps: tuple[Place, ...] = ()
     governed: tuple[tuple[int, ...], ...] = ()
     resisted: tuple[int, ...] = ()
+    turned: tuple[tuple[float, ...], ...] = ()
 
     @property
     def eases(self) -> bool:

@@ -108,9 +108,9 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
     """The arm of a run at a few instants, in one picture; None for a run that diverges or links without a length."""
     if response.diverged_at is not None:
         return None
-    time, n = response.run.time, len(response.goal)
+    time = response.run.time
     at = instants(response.positions, response.start, response.goal)
-    motors = robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
+    motors = robot.layout.relaxed(response.run.signals["state"].T).T
     seen = arm_plane(robot, [skeleton(robot, each[k]) for k in at for each in (response.positions, motors)])
     if seen is None:
         return None

@@ -172,8 +172,9 @@ def stiffness_of(plant: Plant, robot: Robot, rigid: float) -> np.ndarray:
 
 def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
     """Torques of the nominal springs along a run (N, n), N·m or N; zero in a rigid joint."""
-    q, _, theta, _ = np.split(e.setup.robot.layout.whole(response.run.signals["state"].T), 4)
-    return stiffness_of(e.setup.model, e.setup.robot, 0.0) * (theta - q).T
+    layout = e.setup.robot.layout
+    q, _, theta, _ = np.split(layout.whole(response.run.signals["state"].T), 4)
+    return stiffness_of(e.setup.model, e.setup.robot, 0.0) * (theta - layout.at_motors(q)).T
 
 
 def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
@@ -239,14 +240,14 @@ def difference_text(own: Response, other: Response, units: Units) -> str:
 # The arm ------------------------------------------------------------------------------------------------
 def arm_of(e: LawEvaluation) -> Figure | None:
     """The arm during the step; None for a run that diverges or links without a length."""
-    response, n = e.step, len(e.setup.goal)
+    response = e.step
     if response.diverged_at is not None:
         return None
     return arm_figure(
         e.setup.robot,
         response.run.time,
         response.positions,
-        e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T,
+        e.setup.robot.layout.relaxed(response.run.signals["state"].T).T,
         instants(response.positions, response.start, response.goal),
     )
 

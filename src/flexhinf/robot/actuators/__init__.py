@@ -17,10 +17,12 @@ INERTIAS = ({"motor_inertia"}, {"rotor_inertia", "hub_inertia"})
 
 
 class PublishedJoint(NamedTuple):
-    """What is published of a joint: a text, and tables of numbers as in [joint.spring] and [joint.motor]."""
+    """What is published of a joint: a text, tables of numbers as in [joint.spring] and [joint.motor], and names that
+    its maker's files give it."""
 
     about: str
     numbers: dict[str, dict[str, Any]]
+    joints: tuple[str, ...] = ()
 
     @property
     def sources(self) -> list[str]:
@@ -49,7 +51,9 @@ def published_joints() -> dict[str, PublishedJoint]:
     """
     text = (Path(__file__).parent / "published.toml").read_text(encoding="utf-8")
     return {
-        name: PublishedJoint(row["about"], {**row.get("spring", {}), **row.get("motor", {})})
+        name: PublishedJoint(
+            row["about"], {**row.get("spring", {}), **row.get("motor", {})}, tuple(row.get("joints", ()))
+        )
         for name, row in tomllib.loads(text).items()
     }
 

@@ -41,6 +41,9 @@ const std::array<const char *, @{NAME}_INPUTS> COMMAND_INTERFACES = {@{inputs | 
 [[maybe_unused]] constexpr std::array<int, JOINTS> LINK_MEASURED = {@{joints | map(attribute="link_measured") | join(", ")}};
 [[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_MEASURED = {@{joints | map(attribute="motor_measured") | join(", ")}};
 [[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_STATE = {@{joints | map(attribute="motor_state") | join(", ")}};
+{% if back %}
+[[maybe_unused]] constexpr std::array<@{name}_real, JOINTS * JOINTS> BACK = {@{back | join(", ")}};
+{% endif %}
 
 // Loaned interfaces return a number in Humble, and since Jazzy an optional one.
 template <class Interface, class = void>
@@ -492,9 +495,22 @@ bool Controller::start_where_the_robot_is()
   const int passes = std::find(by_motor.begin(), by_motor.end(), true) == by_motor.end() ? 1 : 50;
   for (int pass = 0; pass < passes; ++pass) {
     @{name}_rest(&param_, q.data(), rest.data());
+    std::array<@{name}_real, JOINTS> left{};
     for (std::size_t i = 0; i < JOINTS; ++i) {
-      q[i] += by_motor[i] ? input_.y[MOTOR_MEASURED[i]] - rest[MOTOR_STATE[i]] : 0;
+      left[i] = by_motor[i] ? input_.y[MOTOR_MEASURED[i]] - rest[MOTOR_STATE[i]] : 0;
     }
+{% if back %}
+    // The joints are coupled: what is left of the motors' positions moves them by the inverse of that.
+    for (std::size_t i = 0; i < JOINTS; ++i) {
+      for (std::size_t j = 0; j < JOINTS; ++j) {
+        q[i] += by_motor[i] ? BACK[i * JOINTS + j] * left[j] : 0;
+      }
+    }
+{% else %}
+    for (std::size_t i = 0; i < JOINTS; ++i) {
+      q[i] += left[i];
+    }
+{% endif %}
   }
   if (!std::all_of(rest.begin(), rest.end(), [](double value) { return std::isfinite(value); })) {
     return false;
