@@ -38,11 +38,11 @@ def written(folder: Path, *parts: str) -> Path:
     return path
 
 
-def begun(path: Path) -> Path:
+def begun(path: Path, drive: str = "") -> Path:
     """The robot file that `flexhinf init` writes for a description."""
     out = path.with_name("begun.toml")
     found = description_of(path)
-    out.write_text(robot_file_text(found, found.arm(), out), encoding="utf-8")
+    out.write_text(robot_file_text(found, found.arm(), out, drive), encoding="utf-8")
     return out
 
 
@@ -137,7 +137,20 @@ def test_the_limit_of_a_command_is_no_torque(tmp_path: Path) -> None:
     result = examine_robot(path)
     assert result.robot is not None
     assert np.isnan(result.joints[0].effort)
-    assert all("joint1" not in finding.place.split(", ") for finding in result.findings)
+    (doubt,) = [finding for finding in result.findings if "joint1" in finding.place.split(", ")]
+    assert "rad" in doubt.numbers
+    assert "drive_torque_limit" in doubt.advice
+    path.write_text(path.read_text().replace("effort_limit = 80", "effort_limit = 3.5"), encoding="utf-8")
+    assert all("joint1" not in finding.place.split(", ") for finding in examine_robot(path).findings)
+
+
+@pytest.mark.parametrize("drive", sorted(LOOPS))
+def test_the_torque_of_a_file_is_that_of_the_motor_within_its_drive(tmp_path: Path, drive: str) -> None:
+    path = written(tmp_path, link("upper"), joint("shoulder", "base", "upper"))
+    result = examine_robot(begun(path, drive))
+    assert result.robot is not None
+    assert result.robot.effort_limits == (2.4 if drive == "position" else 3.6,)
+    assert result.joints[0].effort == 40.0
 
 
 def test_friction_by_the_load_is_dry_friction(tmp_path: Path) -> None:

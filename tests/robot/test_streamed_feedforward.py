@@ -143,6 +143,39 @@ def test_what_does_not_fit_is_refused_and_the_advice_works(robot, feedforward, t
     assert (tmp_path / "full" / "mine").exists()
 
 
+@pytest.mark.parametrize(("limit", "key"), [("command", "effort_limit"), ("torque", "drive_torque_limit")])
+def test_a_path_beyond_what_drives_give_is_refused_and_c_says_so(robot, tmp_path, needs_compiler, limit, key):
+    """The second motor gives a little less than the path asks for; with as much, Python and C take it."""
+    path = move([0.0, 0.0], [0.0, 1.0], 0.3, 0.2)
+    free = fh.Feedforward(robot, PERIOD)
+    rows = free.rows(path)
+    most = float(np.abs((rows.command if limit == "command" else rows.motor_torque)[:, 1]).max())
+
+    def limited(largest):
+        if limit == "command":
+            return fh.Feedforward(replace(robot, effort_limits=[None, largest]), PERIOD)
+        numbers = [fh.Parameter(f"drive_torque_limit_{joint}", x) for joint, x in (("a", 1e6), ("b", largest))]
+        return fh.Feedforward(replace(robot, parameters=[*robot.parameters, *numbers]), PERIOD)
+
+    with refused_with(InvalidInput, key, "'b'", "rad" if limit == "command" else "N·m"):
+        limited(0.99 * most).rows(path)
+    near = limited(most)
+    assert np.array_equal(near.rows(path).command, rows.command)
+    needs_compiler("cc")
+    folder = export_feedforward(near, tmp_path / "code", "arm", path[:40])
+    listed = ", ".join(f"{{{x!r}, {y!r}}}" for x, y in path.tolist())
+    for scale, code in ((0.99, 0), (1.01, 2)):
+        (folder / "far.c").write_text(
+            f'#include "arm.h"\nint main(void) {{ arm_state s; arm_output o; int found = 0; const double q[][2] = '
+            f"{{{listed}}}; if (arm_init(&s, q[0])) return 1; for (int k = 0; k < {len(path)}; ++k) {{ "
+            f"const double at[2] = {{q[k][0], {scale} * q[k][1]}}; found |= arm_step(&s, at, &o); }} return found; }}",
+            encoding="utf-8",
+        )
+        words = ["cc", "-ffp-contract=off", "far.c", "arm.c", "-lm", "-o", "far"]
+        subprocess.run(words, cwd=folder, check=True)
+        assert subprocess.run([folder / "far"]).returncode == code
+
+
 def test_a_name_of_a_robot_ends_no_comment(robot, tmp_path):
     named = replace(robot, name="two */ int evil;")
     folder = export_feedforward(fh.Feedforward(named, PERIOD), tmp_path / "c", "two")

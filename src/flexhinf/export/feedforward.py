@@ -15,12 +15,13 @@ import numpy as np
 from markupsafe import Markup
 
 from flexhinf.codegen.c import Translator, constant
+from flexhinf.errors import InvalidInput
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
 from flexhinf.export.rendering import arithmetic
-from flexhinf.robot.command_limits import command_limits, command_shares
+from flexhinf.robot.command_limits import command_limits, size_limits
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.shaper import longest_period, spring_matrices
@@ -96,8 +97,12 @@ def _example_path(feedforward: Feedforward, shaper: bool) -> np.ndarray:
         s = np.linspace(0.0, 1.0, samples)
         path = np.vstack([home + np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), goal - home), still])
         shaped = feedforward.shaped(path) if shaper else path
-        commands = robot.inverse_dynamics(*feedforward.smoothed(shaped))[1]
-        if samples >= MOST or np.max(command_shares(robot, commands, feedforward.period)) <= 1.0:
+        try:
+            feedforward.rows(shaped)
+        except InvalidInput:  # too fast for a drive, which no path may be at last
+            if samples >= MOST:
+                raise
+        else:
             return path
         samples *= 2
 
@@ -163,7 +168,7 @@ def _facts(export: FeedforwardExport) -> dict[str, object]:
         "kind": DRIVES[robot.drive].replace("_", " "),
         "period": f"{feedforward.period:g}",
         "delay": f"{feedforward.delay:g}",
-        "limited": bool(np.isfinite(command_limits(robot)).any()),
+        "limited": bool(np.isfinite([command_limits(robot), size_limits(robot)]).any()),
     }
 
 
@@ -171,7 +176,7 @@ def _source(export: FeedforwardExport) -> dict[str, object]:
     translator, function = Translator(export.name, DOUBLE), _functions(export.feedforward)
     called = translator.function(function)
     robot = export.feedforward.robot
-    most, shaper = command_limits(robot), dict[str, object]()
+    most, sizes, shaper = command_limits(robot), size_limits(robot), dict[str, object]()
     if export.shaper:
         matrices = spring_matrices(robot)
         shaper = {
@@ -183,6 +188,8 @@ def _source(export: FeedforwardExport) -> dict[str, object]:
     return {
         **shaper,
         "weights": _listed(export.feedforward.weights),
+        "commands": _limits_text(sizes[0]),
+        "torques": _limits_text(sizes[1]),
         "rates": _limits_text(most[0]),
         "accelerations": _limits_text(most[1]),
         "seconds": constant(export.feedforward.period, DOUBLE),

@@ -1,4 +1,4 @@
-"""How fast commands may change, by the drives that take them."""
+"""How large commands may be and how fast they may change, by the drives that take them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flexhinf.errors import refuse_if
-from flexhinf.robot.drive_limits import per_second
+from flexhinf.plant import Parameters
+from flexhinf.robot.drive_limits import largest_drive_torques, per_second
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.signals import UNITS
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 #: What is done to a command whose derivative of an order is beyond its limit.
 _CHANGED: Final = {1: "changes faster", 2: "is accelerated more"}
+
+#: What is beyond a limit by rounding alone.
+ROUNDING: Final = 1e-9
 
 #: A slower path is advised with this much room.
 ROOM: Final = 1.05
@@ -32,6 +36,29 @@ def command_changes(commands: np.ndarray, period: float) -> tuple[np.ndarray, np
 def command_limits(robot: Robot) -> np.ndarray:
     """Largest rates and accelerations (2, n) of a robot's commands, per s and per s²; infinite without a limit."""
     return np.array([robot.command_rates, robot.command_accelerations], dtype=float)
+
+
+def size_limits(robot: Robot) -> np.ndarray:
+    """Largest commands and torques of motors within their drives' loops (2, n); infinite without a limit."""
+    n = len(robot.joint_names)
+    commands = [np.inf if limit is None else limit for limit in robot.effort_limits or [None] * n]
+    return np.array([commands, largest_drive_torques(Parameters(robot.plant_parameters()), n)], dtype=float)
+
+
+def check_sizes(robot: Robot, commands: np.ndarray, torques: np.ndarray, period: float) -> None:
+    """Refuse commands (N, n), one per period, or torques of the motors (N, n), N·m or N, beyond a robot's limits."""
+    kinds = (DRIVES[robot.drive], "effort_limit"), (DRIVES["torque"], "drive_torque_limit")
+    for rows, limit, (quantity, key) in zip((commands, torques), size_limits(robot), kinds):
+        share = np.abs(rows) / limit
+        row, joint = divmod(int(np.argmax(share)), share.shape[1])
+        name, unit = robot.joint_names[joint], UNITS[quantity][robot.links.slides[joint]]
+        refuse_if(
+            float(share[row, joint]) > 1.0 + ROUNDING,
+            f"The path asks for a larger {quantity.replace('_', ' ')} of joint {name!r} than it has.",
+            f"expected at most {limit[joint]:g} {unit}, got {abs(rows[row, joint]):.4g} {unit} "
+            f"at t = {row * period:g} s",
+            f"a path that is slower, or stays nearer to zero; or a larger {key} of this joint in the robot file",
+        )
 
 
 def command_shares(robot: Robot, commands: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ on it one or two commands later (docs/drives.md).
 
 from __future__ import annotations
 
+import json
 from typing import Final, NamedTuple
 
 from flexhinf.robot.parameters import ESTIMATE
@@ -30,8 +31,16 @@ class DriveLines(NamedTuple):
     motor: tuple[str, ...]
 
 
-def drive_lines(drive: str, limits: tuple[float, float] | None, speed: float, slides: bool) -> DriveLines:
-    """Lines for a joint of a range, rad or m, and a speed, rad/s or m/s; no limit where the file states none."""
+def drive_lines(
+    drive: str,
+    limits: tuple[float, float] | None,
+    speed: float,
+    slides: bool,
+    torque: float | None = None,
+    file: str = "",
+) -> DriveLines:
+    """Lines for a joint of a range, rad or m, and a speed, rad/s or m/s; no limit where none is stated. `torque`: the
+    motor's largest, N·m or N, which `file` states."""
     length = "m" if slides else "rad"
     largest = {"velocity": speed, "position": max(map(abs, limits)) if limits else float("inf")}[drive]
     unit = {"velocity": f"{length}/s", "position": length}[drive]
@@ -42,12 +51,15 @@ def drive_lines(drive: str, limits: tuple[float, float] | None, speed: float, sl
     )
     source = f'source = "{ESTIMATE}: of a usual servo"'
     ratio = (f"drive_damping_ratio = {{ value = {RATIO:g}, {source} }}",) if drive == "position" else ()
+    text = json.dumps(file, ensure_ascii=False)
+    limited = () if torque is None else (f"drive_torque_limit = {{ value = {torque:g}, source = {text} }}",)
     return DriveLines(
         limit,
         (
             f'drive = "{drive}"',
             f'drive_bandwidth = {{ value = "{LOOPS[drive]:g} Hz", tolerance = {TOLERANCE:g}, {source} }}',
             *ratio,
+            *limited,
             f'drive_period = "{1e3 * PERIOD:g} ms"  # between two commands: that of your interface',
             f'drive_delay = "{1e3 * DELAY:g} ms"  # from a command to the loop: measure it',
         ),

@@ -14,7 +14,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques
-from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
+from flexhinf.robot.elastic import DRIVES, DRY, EXTRAS, INNER, stated_curve, torque_per_input
 from flexhinf.robot.estimates import has_placeholder_effort, largest_weight
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
@@ -22,6 +22,7 @@ from flexhinf.robot.init_file import description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.robot_file import load_robot
+from flexhinf.robot.signals import UNITS
 
 #: Share of the largest weight below which one is an error of rounding.
 ROUNDING = 1e-12
@@ -34,6 +35,9 @@ MOST_TWIST = (0.2, 0.05)
 
 #: Share of the largest torque beyond which the weight leaves little for a motion.
 HEAVY = 0.7
+
+#: The largest command of a drive over its joint's range or speed limit: more is another quantity, such as a torque.
+FAR = 5.0
 
 #: Samples in a period of the fastest vibration, below which no controller of this period damps it.
 FEWEST_SAMPLES = 2.5
@@ -102,7 +106,7 @@ def examine_robot(
         result.joints = joint_facts(result.robot)
         drives = result.robot.drive_period
         of_joints = _of_joints(result.joints, period or drives or PERIOD, drives)
-        result.findings += [*_of_numbers(result.robot), *of_joints]
+        result.findings += [*_of_numbers(result.robot), *of_joints, *_of_commands(result.robot)]
     result.findings = [*ordered(result.findings)]
     return result
 
@@ -282,6 +286,26 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
             "No joint states dry friction.",
             numbers="gears have 2 to 10 % of their largest torque",
             advice="coulomb_friction in [joint.motor]",
+        )
+
+
+def _of_commands(robot: Robot) -> Iterator[RobotFinding]:
+    """Findings about the largest commands of drives that take positions or velocities, beside what the joints do."""
+    if robot.drive not in INNER or not robot.effort_limits:
+        return
+    n, kind = len(robot.joint_names), "range" if robot.drive == "position" else "speed limit"
+    ranges = [limits and max(map(abs, limits)) for limits in robot.links.limits]
+    needs = ranges if robot.drive == "position" else robot.speed_limits or [None] * n
+    for name, slides, most, need in zip(robot.joint_names, robot.links.slides, robot.effort_limits, needs):
+        if most is None or need is None or need <= most <= FAR * need:
+            continue
+        unit = UNITS[DRIVES[robot.drive]][slides]
+        yield RobotFinding(
+            "doubt",
+            f"The largest command is {'far beyond' if most > need else 'less than'} the joint's {kind}.",
+            name,
+            f"expected {need:.4g} {unit} or somewhat more, got {most:.4g} {unit}",
+            f"effort_limit = … in {unit}: the largest command; drive_torque_limit in [joint.motor] is the motor's torque",
         )
 
 

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from flexhinf.arrays import Matrix
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import StatedRepr
-from flexhinf.robot.command_limits import check_commands
+from flexhinf.robot.command_limits import check_commands, check_sizes
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.shaper import shaped_path
@@ -156,7 +156,8 @@ class Feedforward(StatedRepr):
     def rows(self, path: ArrayLike) -> FeedforwardRows:
         """Commands along a path (N, n) of link positions, rad or m, one row per period.
 
-        Raises InvalidInput: where a command changes faster or is accelerated more than the robot's drives take.
+        Raises InvalidInput: where a command is larger, changes faster or is accelerated more than the robot's drives
+        take, or the torque of a motor is larger than its drive's.
         """
         motion = self.smoothed(path)
         state, command = self.robot.inverse_dynamics(*motion)
@@ -166,12 +167,14 @@ class Feedforward(StatedRepr):
             self.period,
             f"; or a longer smoothing than {self.smoothing:g} s where it jumps",
         )
+        torques = self.torques(motion)
+        check_sizes(self.robot, command, torques, self.period)
         layout = self.robot.layout
         _, _, theta, speed = (part.T for part in layout.split(state.T))
         motors, speeds = (
             layout.motors(at.T, own.T).T for at, own in ((motion[0], theta), (motion[1], speed))
         )
-        return FeedforwardRows(command, motors, speeds, self.torques(motion), motion[0])
+        return FeedforwardRows(command, motors, speeds, torques, motion[0])
 
     def torques(self, motion: np.ndarray) -> np.ndarray:
         """Torques (N, n) of the motors, on the link side, along a motion (5, N, n)."""

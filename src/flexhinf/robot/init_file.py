@@ -153,7 +153,8 @@ def robot_file_text(
     for joint, speed, (name, guess) in zip(
         arm.joints, arm.speeds, estimated_joints(arm).items(), strict=True
     ):
-        loop = drive_lines(drive, joint.limits, speed, joint.slides) if drive else None
+        torque = guess.effort if guess.stated else None
+        loop = drive_lines(drive, joint.limits, speed, joint.slides, torque, file) if drive else None
         lines += ["", "[[joint]]", f"name = {_text(name)}"]
         if name in coupled:
             row = ", ".join(f"{toml_key(joint)} = {factor:g}" for joint, factor in coupled[name].items())

@@ -18,7 +18,7 @@ from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING, TEETH
 from flexhinf.robot.gears import CURVE, SECANT, SECOND_CORNER, secant
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
-from flexhinf.validation import checked_positive, one_of, value_text
+from flexhinf.validation import checked_positive, one_of
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
@@ -235,7 +235,7 @@ class ElasticJoint:
         refuse_if(
             self.inductance is not None and self.drive in ("current", *INNER),
             f"A motor whose input is its {self.drive} has no use for an inductance.",
-            f"expected none, got {value_text(self.inductance)} H",
+            f"expected none, got {0.0 if self.inductance is None else value_of(self.inductance):g} H",
             "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
         )
 

@@ -13,18 +13,21 @@ static const double weights[5][@{size}] = {
 };
 
 {% if limited %}
-/* What the drives take: rates and accelerations of commands. */
+/* What the drives take: commands with their rates and accelerations, and torques of the motors. */
+static const double largest_command[@{NAME}_JOINTS] = {@{commands}};
+static const double largest_torque[@{NAME}_JOINTS] = {@{torques}};
 static const double largest_rate[@{NAME}_JOINTS] = {@{rates}};
 static const double largest_acceleration[@{NAME}_JOINTS] = {@{accelerations}};
 
-/* 2 where a command changes more than that, else 0. */
-static int beyond_limits(@{name}_state *state, const double *command)
+/* 2 where an output is beyond that, else 0. */
+static int beyond_limits(@{name}_state *state, const double *command, const double *torque)
 {
     int beyond = 0;
     for (int j = 0; j < @{NAME}_JOINTS; ++j) {
         const double rate = state->moved ? (command[j] - state->command[j]) / @{seconds} : 0.0;
         const double change = state->moved ? (rate - state->rate[j]) / @{seconds} : 0.0;
         beyond |= (fabs(rate) > largest_rate[j]) || (fabs(change) > largest_acceleration[j]);
+        beyond |= (fabs(command[j]) > largest_command[j]) || (fabs(torque[j]) > largest_torque[j]);
         state->command[j] = command[j];
         state->rate[j] = rate;
     }
@@ -94,7 +97,7 @@ int @{name}_step(@{name}_state *state, const double *path, @{name}_output *outpu
     }
     @{called}(@{arguments});
 {% if limited %}
-    failed += beyond_limits(state, output->command);
+    failed += beyond_limits(state, output->command, output->motor_torque);
 {% endif %}
 {% if shaper %}
     failed += slow ? 4 : 0;

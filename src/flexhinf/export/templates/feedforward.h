@@ -42,7 +42,8 @@ int @{name}_init(@{name}_state *state, const double *path);
 
 /* Take the next sample of the path. Returns 0; or 1 where a number is not finite: the path then stays where it was.
 {% if limited %}
- * 2 is added where a command changes faster, or is accelerated more, than its drive takes: it is given all the same.
+ * 2 is added where a command is larger, changes faster or is accelerated more than its drive takes, or the torque of a
+ * motor is larger: it is given all the same.
 {% endif %}
 {% if shaper %}
  * 4 is added where a vibration is slower than @{NAME}_KEPT samples, or the springs do not hold the links: the shaper's
