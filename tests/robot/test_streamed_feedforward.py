@@ -154,7 +154,9 @@ def test_a_path_beyond_what_drives_give_is_refused_and_c_says_so(robot, tmp_path
     def limited(largest):
         if limit == "command":
             return fh.Feedforward(replace(robot, effort_limits=[None, largest]), PERIOD)
-        numbers = [fh.Parameter(f"drive_torque_limit_{joint}", x) for joint, x in (("a", 1e6), ("b", largest))]
+        numbers = [
+            fh.Parameter(f"drive_torque_limit_{joint}", x) for joint, x in (("a", 1e6), ("b", largest))
+        ]
         return fh.Feedforward(replace(robot, parameters=[*robot.parameters, *numbers]), PERIOD)
 
     with refused_with(InvalidInput, key, "'b'", "rad" if limit == "command" else "N·m"):

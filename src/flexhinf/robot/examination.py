@@ -305,7 +305,7 @@ def _of_commands(robot: Robot) -> Iterator[RobotFinding]:
             f"The largest command is {'far beyond' if most > need else 'less than'} the joint's {kind}.",
             name,
             f"expected {need:.4g} {unit} or somewhat more, got {most:.4g} {unit}",
-            f"effort_limit = … in {unit}: the largest command; drive_torque_limit in [joint.motor] is the motor's torque",
+            f"effort_limit = … in {unit}: the largest command; the torque of the motor is drive_torque_limit",
         )
 
 

@@ -56,7 +56,10 @@ def _spring_matrices(
     from flexhinf.robot.elastic import InverseFlow, traced_inverse
 
     n, elastic = layout.n, layout.elastic
-    still, moved = ca.DM.zeros(n), ca.DM(layout.inverse[:, elastic])  # what moves the output of one gear alone
+    still, moved = (
+        ca.DM.zeros(n),
+        ca.DM(layout.inverse[:, elastic]),
+    )  # what moves the output of one gear alone
     p = vars(ParameterTable({name: np.zeros(shape) for name, shape in shapes}).named(np.array(vector)))
     stiffness = ca.DM(np.atleast_1d(p["stiffness"]))
     q, acceleration = ca.SX.sym("q", n), ca.SX.sym("a", n)
