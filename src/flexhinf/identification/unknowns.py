@@ -227,12 +227,11 @@ class Unknowns:
 
     def check_corners(self, z: np.ndarray) -> None:
         """Refuse numbers by which the curve of a gear has its corners in the wrong order."""
-        values = {**({} if self.robot is None else self.robot.nominal), **self.values(z)}
-        for joint in () if self.robot is None else self.robot.joint_names:
-            names = [
-                per_joint(name, joint, len(self.robot.joint_names))
-                for name in ("first_torque", "second_torque")
-            ]
+        if self.robot is None:
+            return
+        joints, values = self.robot.joint_names, {**self.robot.nominal, **self.values(z)}
+        for joint in joints:
+            names = [per_joint(name, joint, len(joints)) for name in ("first_torque", "second_torque")]
             low, high = (values.get(name) for name in names)
             refuse_if(
                 low is not None and high is not None and not low < high,
