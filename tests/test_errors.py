@@ -15,7 +15,7 @@ import pytest
 import flexhinf
 from flexhinf.certify.proof import NotProved
 from flexhinf.cli.commands import app  # noqa: F401  (so that every room, and every class of error, is loaded)
-from flexhinf.errors import FlexhinfError, InfeasibleGamma
+from flexhinf.errors import FlexhinfError, InfeasibleGamma, WrongPeriod
 
 
 def _kinds(kind: type[FlexhinfError] = FlexhinfError) -> Iterator[type[FlexhinfError]]:
@@ -30,6 +30,8 @@ def _made(kind: type[FlexhinfError]) -> FlexhinfError:
     if kind is NotProved:
         outcome = SimpleNamespace(reason="it fails", point=np.array([0.5]), value=0.9, residual=1e-3, cells=7)
         return kind(SimpleNamespace(coordinates=((1.0,),), level=1.0), outcome)
+    if kind is WrongPeriod:
+        return kind(1.5e-3, 1e-3, 0.5)
     needed = [
         p
         for p in signature(kind).parameters.values()

@@ -152,7 +152,7 @@ def write_campaign(
             Settings({name: group for name, group in groups.items() if group}),
             Provenance(shlex.join(journal.command), int(settings["seed"])), _key_numbers(judged),
             _statuses(judged, cases, gains),
-            [text for text in (campaign_design(judged, brief=True), search) if text],
+            [text for text in (campaign_design(judged, brief=True), search, _proof_text(judged)) if text],
             lead,
         ),
     )  # fmt: skip
@@ -190,13 +190,10 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
         "campaign."
     )
     own = verdict_of(judged.table.journal)
-    certify = "" if own is None else " flexhinf certify DESIGN says what is proved of its controller."
-    sampled = f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing by a campaign.{certify}"
     kept = [] if own is not None and own.missed else [Status("met", met)]
     return [
         *([Status("not met", text) for text in missed] or kept),
         *([] if own is None else design_statuses(own)),
-        Status("not proved", sampled),
         *(
             Status(
                 "not proved", "A disturbance attains more than the proved γ: the proof or the loop is wrong."
@@ -205,6 +202,13 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
             if row.claim == "proved" and not row.kept
         ),
     ]
+
+
+def _proof_text(judged: CampaignJudgement) -> str:
+    """What is sampled, and what is proved, in a line."""
+    certify = " flexhinf certify DESIGN says what is proved of its controller."
+    made = verdict_of(judged.table.journal) is not None
+    return f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing.{certify * made}"
 
 
 # Success and failures ----------------------------------------------------------------------------------------

@@ -1,12 +1,10 @@
-"""What a robot can do: where points of its links are, poses that reach a place, references and poses it can follow; and
-whether its numbers are those of a robot.
+"""What a robot can do: places of its links, poses that reach a place, references it can follow; plausible numbers.
 
 Inverse kinematics is a least-squares problem within the joints' ranges, solved by SciPy's trust-region method:
 its steps are damped as in Levenberg's and Marquardt's method [marquardt1963], so that singular poses do no harm.
 
-A number is plausible by what it does to the robot: a twist under the robot's own weight, the size of a body of that
-inertia, a range in turns. Between usual and impossible values lies a factor of ten or more, where a
-`flexhinf.robot.RobotFileWarning` is given and the number is used as it stands.
+A number is plausible by what it does to the robot, such as its twist by weight. Between usual and impossible values
+lies a factor of ten or more, where a `RobotFileWarning` is given.
 """
 
 from __future__ import annotations
@@ -50,8 +48,7 @@ def check_reference(
         s; checked every `period`, both ends included.
     effort : number, (n,) or mapping by joint, optional
         Largest absolute input of each motor, V, A, or N·m (N): the feedforward along the reference must stay below it,
-        and its changes from one `period` to the next what the robot's drives take. Needs signals with four derivatives;
-        ``robot.effort_limits`` are those that the robot states.
+        and drives must take its changes. Needs signals with four derivatives; the robot has ``effort_limits``.
     speed : number, (n,) or mapping by joint, optional
         Largest absolute velocity of each link, rad/s or m/s; by default what the robot states.
 
@@ -89,9 +86,8 @@ def check_reference(
     checks = [(motion[1], fastest, "link_velocity")] if order else []
     if effort is not None:
         limit = checked_limits("The efforts", effort, robot.joint_names, motors)
-        commands = robot.inverse_dynamics(*motion)[1]
-        check_commands(robot, commands[:-1], period)
-        checks.append((commands, limit, DRIVES[robot.drive]))
+        checks.append((robot.inverse_dynamics(*motion)[1], limit, DRIVES[robot.drive]))
+        check_commands(robot, checks[-1][0][:-1], period)
     largest = 0.0
     for rows, limit, quantity in checks:
         share = np.abs(rows) / limit
@@ -143,11 +139,9 @@ def check_holding(
     return x, u
 
 
-#: Starts of the search beside the given one; a place counts as reached within this fraction of the robot's size.
-STARTS, CLOSE = 12, 1e-7
-
-#: A pose is near-singular where its mobility is less than this.
-SINGULAR = 0.05
+#: Starts of the search beside the given one; a place counts as reached within this fraction of the robot's size; a pose
+#: is near-singular where its mobility is less than this.
+STARTS, CLOSE, SINGULAR = 12, 1e-7, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,8 +359,8 @@ def check_fast(robot: Robot, period: float) -> None:
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
     root, elastic = np.sqrt(stiffness), robot.layout.elastic
-    moved = _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
     turned = robot.layout.matrix[elastic]
+    moved = _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
     inverse = turned @ np.linalg.inv(moved) @ turned.T + np.diag(1.0 / motors[elastic])
     # Energies of the springs, all else free.
     squares, vectors = np.linalg.eigh(root[:, None] * inverse * root)
@@ -560,10 +554,8 @@ def check_load(robot: Robot, file: str) -> None:
     load = "own weight and its payload's" if any(mass.value for mass in payloads) else "own weight"
     inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
     stiffness = robot.layout.motors(np.full(n, np.inf), np.atleast_1d(p.stiffness))
-    guessed = {each.name for each in robot.parameters if each.estimated}
-    for k, (joint, weight, inertia, motor, spring) in enumerate(
-        zip(joints, weights, inertias, motors, stiffness)
-    ):
+    facts = zip(joints, weights, inertias, motors, stiffness)
+    for k, (joint, weight, inertia, motor, spring) in enumerate(facts):
         stated = {key: nominal.get(per_joint(key, joint.name, n)) for key in OF_JOINT}
         twist, ratio = weight / spring, motor / inertia
         rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
@@ -585,7 +577,8 @@ def check_load(robot: Robot, file: str) -> None:
             "rigid = true for this joint instead of [joint.spring]"
             if inertia < PLACEHOLDER
             else "that of the motor's data sheet: this one is an estimate"
-            if per_joint("motor_inertia", joint.name, n) in guessed
+            if per_joint("motor_inertia", joint.name, n)
+            in [each.name for each in robot.parameters if each.estimated]
             else f"{advice}N the gear ratio",
             ratio > UNUSUAL["wrist"][1],
         )
@@ -596,9 +589,9 @@ def check_load(robot: Robot, file: str) -> None:
             f"rotor_inertia = {motor:g} and gear_ratio; a direct drive has gear_ratio = 1",
         )
         static, sliding = stated["static_friction"], stated["coulomb_friction"]
-        if static is not None and sliding is not None and static < sliding:
+        if static is not None and sliding is not None:
             ask(
-                True,
+                static < sliding,
                 f"{file}: joint {joint.name!r} sticks less than it slides.",
                 f"expected static_friction >= coulomb_friction, got {static:g} and {sliding:g}",
                 "exchange them, or static_friction as measured at standstill",
