@@ -207,8 +207,8 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
 def _proof_text(judged: CampaignJudgement) -> str:
     """What is sampled, and what is proved, in a line."""
     certify = " flexhinf certify DESIGN says what is proved of its controller."
-    made = verdict_of(judged.table.journal) is not None
-    return f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing.{certify * made}"
+    designed = verdict_of(judged.table.journal) is not None
+    return f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing.{certify * designed}"
 
 
 # Success and failures ----------------------------------------------------------------------------------------
