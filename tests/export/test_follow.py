@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -226,6 +227,73 @@ def test_c_refuses_what_python_refuses(real: str, compiled: Any) -> None:
         "INVALID_JOINTS",
         "OLD_HEADER_TIMESTAMP",
     }
+
+
+def limited_code(real: str) -> ControllerCode:
+    """Of a robot whose drives take a torque that changes by 600 N·m/s and 25,000 N·m/s²."""
+    robot = replace(
+        robot_of("planar-two-link"), command_rates=(600.0, 600.0), command_accelerations=(2.5e4, 2.5e4)
+    )
+    return code_of(controller_of("planar-two-link"), "arm", real, robot)
+
+
+@pytest.mark.ci("compiles and simulates goals of drives with limits")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_goals_too_quick_for_drives_are_refused(real: str, compiler: str, tmp_path: Path) -> None:
+    """At ever longer times; in Python those are taken whose commands keep seven tenths of what drives take."""
+    code = limited_code(real)
+    follower = follower_of(code)
+    assert follower is not None
+    for file, text in {**code.files, **follow_files(code)}.items():
+        (tmp_path / file).write_text(text)
+    words = [
+        *STRICT,
+        "-fPIC",
+        "-O1",
+        "-shared",
+        "arm.c",
+        "arm_follow.c",
+        "follow_library.c",
+        "-lm",
+        "-o",
+        "arm.so",
+    ]
+    subprocess.run([compiler, *words], cwd=tmp_path, check=True)
+    other = CompiledFollower(
+        ctypes.CDLL(str(tmp_path / "arm.so")), follower, np.float64 if real == "double" else np.float32
+    )
+    most = 0.7 * np.array([[600.0], [2.5e4]])
+    names, taken = ["elbow", "shoulder"], []
+    for order in (1, 2, 3):
+        for duration in (0.12, 0.2, 0.35, 0.6, 1.1, 2.0, 6.0):
+            rows = [[[0.0, 0.0], [0.05, 0.1]], np.zeros((2, 2)), np.zeros((2, 2))]
+            one = FollowGoal(names, [0.0, duration], *rows[:order])
+            code_of_goal = follower.check(one)
+            assert other.check(one) is code_of_goal
+            for each in (follower, other):
+                each.reset([0.0, 0.0])
+            first = FollowGoal(names, [duration], *[row[1:] for row in rows[:order]])
+            assert follower.start(first) is other.start(first)
+            free = replace(follower, limited=False)
+            free.reset([0.0, 0.0])
+            assert free.start(one) is FollowCode.ACTIVE
+            u = np.array([free.step().row[-2:] for _ in range(round(duration / PERIOD) + 200)])
+            changes = [np.abs(np.diff(u, k, axis=0)).max(axis=0) / PERIOD**k for k in (1, 2)]
+            assert (code_of_goal is FollowCode.SUCCESSFUL) == bool(np.all(changes <= most))
+            taken.append(code_of_goal is FollowCode.SUCCESSFUL)
+    assert 3 <= sum(taken) <= len(taken) - 3
+
+
+@pytest.mark.ci("an export of drives with limits, and its program")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_the_program_of_limited_drives_plays(real: str, compiler: str, tmp_path: Path) -> None:
+    code = limited_code(real)
+    program = render_c("follow_test.c", "arm", code.real, **follow_test_values(code))
+    for file, text in {**code.files, **follow_files(code), "arm_follow_test.c": program}.items():
+        (tmp_path / file).write_text(text)
+    words = [*STRICT, "-O0", "arm.c", "arm_follow.c", "arm_follow_test.c", "-lm", "-o", "play"]
+    subprocess.run([compiler, *words], cwd=tmp_path, check=True)
+    assert subprocess.run(["./play"], cwd=tmp_path, check=False).returncode == 0
 
 
 def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:

@@ -13,7 +13,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import FollowCode, FollowGoal
-from flexhinf.robot.follower import _between
+from flexhinf.robot.follow_path import between
 
 PERIOD = 2e-3
 NAMES = ("shoulder", "elbow")
@@ -31,7 +31,7 @@ def test_waypoints_are_joined_by_the_polynomial_of_what_they_state(order: int) -
     begin, end = rng.normal(size=(2, 3, 4))
     expected = BPoly.from_derivatives([0.0, 0.7], [begin[:order], end[:order]])
     for at in (0.0, 0.2, 0.69):
-        found = _between(begin, end, 0.7, at, order)
+        found = between(begin, end, 0.7, at, order)
         for k in range(3):
             np.testing.assert_allclose(found[k], expected(at, nu=k), rtol=1e-9, atol=1e-9)
 

@@ -24,7 +24,7 @@ from flexhinf.validation import checked_array
 FILES: tuple[File[ControllerCode], ...] = (
     File("@{name}_follow.h", "follow.h", follow_values),
     File("@{name}_follow.c", "follow.c", follow_values),
-    File("follow_library.c", "follow_library.c"),
+    File("follow_library.c", "follow_library.c", follow_values),
 )
 
 
@@ -99,7 +99,9 @@ class CompiledFollower:
             self._kind
         )
         numbers = np.array([*own.usual.ravel(), own.goal_time, own.timeout, own.stop_time], dtype=self._kind)
-        self._library.follow_reset(self._places[0], _place(q), _place(numbers), int(own.partial))
+        self._library.follow_reset(
+            self._places[0], _place(q), _place(numbers), int(own.partial), int(own.limited)
+        )
         self._kept = []
 
     def check(self, goal: FollowGoal) -> FollowCode:

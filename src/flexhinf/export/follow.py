@@ -19,7 +19,8 @@ from flexhinf.plant.joints import joint_places
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
-from flexhinf.robot.follower import MOST_COUNTED, PASSED, Follower
+from flexhinf.robot.follow_path import PARTS, SHARE
+from flexhinf.robot.follower import MOST_COUNTED, MOST_JUDGED, PASSED, Follower
 from flexhinf.robot.robot import Robot
 
 #: T of the smoothing, s, as far as the period divides it.
@@ -84,6 +85,14 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
         "ranges": follower.ranges,
         "speeds": follower.speeds,
         "jumps": follower.jumps,
+        "allowed": follower.limits,
+        "home": robot.home,
+        "rounding": 8.0 * float(np.finfo(code.real.kind).eps),
+        "most_judged": MOST_JUDGED,
+        "limited": follower.limits.limits,
+        "parts": PARTS,
+        "share": f"{SHARE:g}",
+        "near": delay,
         "twists": largest_twists(code, robot),
         "motors": _motors(code),
         "most_counted": MOST_COUNTED,

@@ -119,6 +119,7 @@ def session_of(code: ControllerCode) -> Session:
     follower = replace(
         own,
         partial=True,
+        limited=False,
         stop_time=(2 * count + count // 2 + 0.41) * own.period,
         path_tolerance={own.robot.joint_names[0]: (1.5 * way[0], 0.0)},
         goal_tolerance={own.robot.joint_names[last]: (0.5 * way[last], 0.0)},
@@ -257,6 +258,12 @@ def refusals(session: Session) -> list[FollowGoal]:
         {"joint_names": joints[:1], "positions": rows[:, -1:]},
         {"joint_names": [], "positions": np.zeros((2, 0))},
     ]  # fmt: skip
+    if own.limits.limits:  # one half, and half more, of the largest bend at the end
+        for share in (0.5, 1.5):
+            slope = share * np.min(own.limits.commands / own.limits.bends, axis=0)
+            changes.append(
+                {"positions": moved(session.home + np.minimum(slope, 1e3) * (times[1] - times[0]))}
+            )
     return [FollowGoal(**(base | change)) for change in changes]
 
 
@@ -264,7 +271,15 @@ def follow_test_values(code: ControllerCode) -> dict[str, Any]:
     """What the template of the test program needs."""
     session = session_of(code)
     follower, happens, refused = session.follower, events(session), refusals(session)
-    plain = replace(follower, partial=False, goal_tolerance={}, path_tolerance={}, goal_time=0.0, timeout=0.0)
+    plain = replace(
+        follower,
+        partial=False,
+        limited=True,
+        goal_tolerance={},
+        path_tolerance={},
+        goal_time=0.0,
+        timeout=0.0,
+    )
     checked = [(one, follower.check(one), plain.check(one)) for one in refused]
     started = [event.what for event in happens if isinstance(event.what, FollowGoal)]
     samples, says, answers = _played(session, happens)

@@ -38,6 +38,15 @@ def command_limits(robot: Robot) -> np.ndarray:
     return np.array([robot.command_rates, robot.command_accelerations], dtype=float)
 
 
+def motion_limits(robot: Robot) -> np.ndarray:
+    """Largest velocities and accelerations (2, n) of joints that commands of positions or velocities may have as they
+    are; infinite where none is limited, and of drives that take something else."""
+    rates, accelerations = command_limits(robot)
+    none = np.full_like(rates, np.inf)
+    kinds = {"position": (rates, accelerations), "velocity": (none, rates)}
+    return np.array(kinds.get(robot.drive, (none, none)))
+
+
 def size_limits(robot: Robot) -> np.ndarray:
     """Largest commands and torques of motors within their drives' loops (2, n); infinite without a limit."""
     n = len(robot.joint_names)

@@ -10,7 +10,7 @@ same.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 from typing import NamedTuple
@@ -23,6 +23,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.notebook import StatedRepr
 from flexhinf.robot.feedforward import Feedforward
 from flexhinf.robot.follow_goal import FollowGoal
+from flexhinf.robot.follow_path import GoalLimits, between
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_array, checked_positive
 
@@ -37,6 +38,9 @@ MOST_COUNTED = 2_000_000_000
 
 #: What is above a speed limit by rounding alone.
 ROUNDING = 1.001
+
+#: Samples of a goal whose commands are judged at most: a longer one is refused where drives limit them.
+MOST_JUDGED = 1_000_000
 
 #: Velocity below which a joint counts as stopped at the goal, rad/s or m/s: as in joint_trajectory_controller.
 STOPPED = 0.01
@@ -111,6 +115,9 @@ class Follower(StatedRepr):
         Where a goal states none, s; 0: it may take any time.
     timeout : float
         Time after the end of a path after which its goal is given up, s; 0: none.
+    limited : bool
+        Whether goals are refused whose commands change faster, or are accelerated more, than by seven tenths of what
+        the robot's drives take.
 
     Raises InvalidInput: for numbers that are not positive, or joints that the robot does not have.
 
@@ -138,6 +145,7 @@ class Follower(StatedRepr):
     goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
     goal_time: float = 0.0
     timeout: float = 0.0
+    limited: bool = True
 
     def __post_init__(self) -> None:
         checked_positive("The stop time", self.stop_time, "seconds", "stop_time=0.5")
@@ -192,6 +200,11 @@ class Follower(StatedRepr):
         """Largest mean speeds (n,) between two waypoints, rad/s or m/s; infinite where the robot states none."""
         stated = self.robot.speed_limits or [None] * len(self.robot.joint_names)
         return np.array([np.inf if limit is None else ROUNDING * limit for limit in stated])
+
+    @cached_property
+    def limits(self) -> GoalLimits:
+        """What the drives leave to goals."""
+        return GoalLimits.of(self.feedforward)
 
     @property
     def jumps(self) -> Vector:
@@ -292,7 +305,8 @@ class Follower(StatedRepr):
         path, at_goal = np.where(stated > 0.0, stated, np.where(stated < 0.0, 0.0, self.usual))
         time = goal.goal_time
         allowed = time if time > 0.0 else 0.0 if time < 0.0 else self.goal_time
-        return _Followed(times, points, goal.orders, moves, path, at_goal, allowed, goal.begins)
+        followed = _Followed(times, points, goal.orders, moves, path, at_goal, allowed, goal.begins)
+        return FollowCode.INVALID_GOAL if self._is_quick(followed) else followed
 
     def _possible(
         self,
@@ -321,6 +335,30 @@ class Follower(StatedRepr):
             and not points[1, -1].any()
         )
 
+    def _is_quick(self, goal: _Followed) -> bool:
+        """Whether drives do not take the commands from the first waypoint on, with the joints that are left out at
+        home; the way to that waypoint is judged when it begins."""
+        times, points = goal.times, goal.points
+        if len(times) < 2 or not (self.limited and self.limits.limits):
+            return False
+        if times[-1] - times[0] > MOST_JUDGED * self.period:
+            return True
+        one = replace(self)
+        begin = np.where(goal.moves, points[:, 0], [np.asarray(self.robot.home), one._now[1], one._now[2]])
+        if goal.orders[0] == 1 and times[0] > 0.0:  # it has that velocity already
+            begin[1] = np.where(goal.moves, (points[0, 1] - points[0, 0]) / (times[1] - times[0]), 0.0)
+        one.reset(begin[0])
+        ages = self.period * np.arange(len(one._path))[:, None]
+        one._path, one._now = begin[0] - ages * (begin[1] - 0.5 * ages * begin[2]), begin
+        one._take(goal, 1, float(times[1] - times[0]))
+        rows = list[np.ndarray]()
+        while not one._rests:
+            one._push(1.0)
+            rows.append(one._motion[1])
+        commands = self.robot.inverse_dynamics(*np.array(rows).transpose(1, 0, 2))[1]
+        changes = [np.diff(commands, k, axis=0) / self.period**k for k in (1, 2)]
+        return any(np.any(np.abs(change) > limit) for change, limit in zip(changes, self.limits.commands))
+
     def _begin(self, goal: _Followed) -> FollowCode:
         """From the motion of now to the first waypoint whose time is still to come."""
         gone = max(0.0, -goal.begins)
@@ -328,14 +366,20 @@ class Follower(StatedRepr):
         first = float(goal.times[segment]) - gone
         way = np.abs(goal.points[0, segment] - self._now[0])
         far = (way > self.jumps) & ((first < self.smoothing) | (way > self.speeds * first))
-        if np.any(far & goal.moves):
+        if np.any(far & goal.moves) or (
+            self.limited and self.limits.forbid(self._now, goal, segment, first, self.feedforward.delay)
+        ):
             return FollowCode.INVALID_GOAL
+        self._take(goal, segment, first)
+        return FollowCode.ACTIVE
+
+    def _take(self, goal: _Followed, segment: int, first: float) -> None:
+        """Follow a goal from the motion of now to a waypoint in so many s."""
         self._goal, self._next, self._active = goal, None, True
         self._from, self._segment, self._since, self._first, self._age = self._now, segment, 0.0, first, 0.0
         moving = (self._now[1:] != 0.0).any(axis=0) & ~goal.moves
         self._stopped_at = self.stop_time if moving.any() else 0.0
         self._left, self._ended = len(self._path), 0
-        return FollowCode.ACTIVE
 
     def _stop(self) -> None:
         none = np.zeros(len(self.robot.joint_names), dtype=bool)
@@ -443,6 +487,11 @@ class Follower(StatedRepr):
         goal = self._goal
         return goal is None or (self._segment == len(goal.times) and self._age >= self._stopped_at)
 
+    @property
+    def _rests(self) -> bool:
+        """Whether the smoothed motion rests at the end too."""
+        return self._is_over and self._left == 0
+
     def _advance(self, time: float) -> None:
         """The path so much later."""
         goal = self._goal
@@ -463,7 +512,7 @@ class Follower(StatedRepr):
         begin, order = self._from, goal.orders[self._segment]
         if self._first < 0.0:
             begin, order = goal.points[:, self._segment - 1], min(order, goal.orders[self._segment - 1])
-        way = _between(begin, goal.points[:, self._segment], self._length(goal), self._since, order)
+        way = between(begin, goal.points[:, self._segment], self._length(goal), self._since, order)
         self._now = np.where(goal.moves, way, stopped)
 
     def _length(self, goal: _Followed) -> float:
@@ -485,7 +534,7 @@ class Follower(StatedRepr):
             time[j] = min(self.stop_time, max(self._time_to(bound - q[j], dq[j], ddq[j]), self.smoothing))
             end[j] = bound
         standing = np.array([end, np.zeros_like(q), np.zeros_like(q)])
-        return np.where(age >= time, standing, _between(self._from, standing, time, age, 3))
+        return np.where(age >= time, standing, between(self._from, standing, time, age, 3))
 
     @staticmethod
     def _time_to(way: float, velocity: float, acceleration: float) -> float:
@@ -501,7 +550,7 @@ class Follower(StatedRepr):
         goal = self._goal
         if not self._active or goal is None:
             return FollowCode.IDLE
-        if not (self._is_over and self._left == 0):
+        if not self._rests:
             if _within(errors, goal.path):
                 return FollowCode.ACTIVE
             self._stop()
@@ -530,25 +579,3 @@ def _share(value: float) -> float:
 def _within(errors: np.ndarray, allowed: np.ndarray) -> bool:
     """Whether differences are allowed; one that is no number is not, where 0 does not allow all."""
     return bool(np.all((allowed <= 0.0) | (errors <= allowed)))
-
-
-def _between(begin: np.ndarray, end: np.ndarray, time: float | Vector, at: float, order: int) -> np.ndarray:
-    """Position, velocity and acceleration (3, n) on the polynomial between two waypoints (3, n), `at` s from the
-    first: linear, cubic or quintic."""
-    s, way = at / time, end[0] - begin[0]
-    if order == 1:
-        return np.array([begin[0] + s * way, way / time, np.zeros_like(way)])
-    v0, v1 = time * begin[1], time * end[1]
-    if order == 2:
-        c2, c3 = 3.0 * way - (2.0 * v0 + v1), (v0 + v1) - 2.0 * way
-        c4 = c5 = np.zeros_like(way)
-    else:
-        a0, a1 = time * time * begin[2], time * time * end[2]
-        c2 = 0.5 * a0
-        c3 = 10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
-        c4 = 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1 - 15.0 * way
-        c5 = 6.0 * way - 3.0 * v0 - 3.0 * v1 - 0.5 * a0 + 0.5 * a1
-    position = begin[0] + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
-    velocity = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * (5.0 * c5))))) / time
-    acceleration = (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * (20.0 * c5)))) / (time * time)
-    return np.array([position, velocity, acceleration])

@@ -20,7 +20,7 @@ const @{name}_follow_options @{name}_follow_defaults = {
     @{number(goal_time)},
     @{number(timeout)},
     @{number(stop_time)},
-    @{partial}
+    @{partial}@{", 1" if limited}
 };
 
 /* Ranges of the joints, mean speeds and jumps that are not refused; and what the largest inputs twist springs by. */
@@ -29,6 +29,18 @@ static const scalar high[JOINTS] = {@{bounds(ranges[1])}};
 static const scalar fastest[JOINTS] = {@{bounds(speeds)}};
 static const scalar farthest[JOINTS] = {@{bounds(jumps)}};
 static const scalar twists[JOINTS] = {@{bounds(twists)}};
+{% if limited %}
+/* What the drives leave to a goal: rates and accelerations of commands; velocities and accelerations on the way to its
+ * first waypoint. */
+static const scalar rates[JOINTS] = {@{bounds(allowed.commands[0])}};
+static const scalar changes[JOINTS] = {@{bounds(allowed.commands[1])}};
+static const scalar quickest[JOINTS] = {@{bounds(allowed.links[0])}};
+static const scalar hardest[JOINTS] = {@{bounds(allowed.links[1])}};
+
+/* The rates and accelerations that a path asks for where it is bent by a unit velocity. */
+static const scalar bent_rates[JOINTS] = {@{bounds(allowed.bends[0])}};
+static const scalar bent_changes[JOINTS] = {@{bounds(allowed.bends[1])}};
+{% endif %}
 static const int motors[JOINTS] = {@{motors | join(", ")}}; /* places in a row */
 
 /* Weights of the samples before the newest one, from it back, for the position and four derivatives. */
@@ -84,6 +96,67 @@ static void at_point(const @{name}_follow_point *point, int j, scalar result[3])
     result[2] = point->acceleration[j];
 }
 
+{% if limited %}
+/* Whether the way of joint j between two waypoints is quicker than its drive takes. */
+static int hurries(int j, const scalar begin[3], const scalar end[3], scalar time, int order)
+{
+    int found = 0;
+    for (int i = 0; i <= @{parts}; ++i) {
+        scalar result[3];
+        between(begin, end, time, (time * (scalar)i) / @{number(parts)}, order, result);
+        found += (fabs@{f}(result[1]) > quickest[j] || fabs@{f}(result[2]) > hardest[j]) ? 1 : 0;
+    }
+    return found;
+}
+
+/* How the path goes from waypoint i to the next one. */
+static int order_of(const @{name}_follow_goal *goal, int i)
+{
+    const int one = goal->points[i].order, next = goal->points[i + 1].order;
+    return (one < next) ? one : next;
+}
+
+/* Velocity of joint j just behind waypoint i. */
+static scalar behind(const @{name}_follow_goal *goal, int i, int j)
+{
+    const @{name}_follow_point *const point = &goal->points[i];
+    scalar value = @{zero};
+    if (i + 1 < goal->count) {
+        const @{name}_follow_point *const next = &goal->points[i + 1];
+        const scalar way = next->position[j] - point->position[j];
+        value = (order_of(goal, i) > 1) ? point->velocity[j] : way / (next->time - point->time);
+    }
+    return value;
+}
+
+/* Whether joint j is quicker than its drive takes from the motion of now to waypoint i in a time, or there. */
+static int begins_quickly(const @{name}_follow_state *state, const @{name}_follow_goal *goal, int i, int j, scalar time)
+{
+    const @{name}_follow_point *const point = &goal->points[i];
+    const scalar begin[3] = {state->now[0][j], state->now[1][j], state->now[2][j]};
+    scalar end[3];
+    scalar first = @{zero};
+    scalar last;
+    int found;
+    at_point(point, j, end);
+    found = hurries(j, begin, end, time, point->order);
+    last = end[1];
+    if (point->order == 1) {
+        last = (end[0] - begin[0]) / time;
+        first = fabs@{f}(last - begin[1]);
+    }
+    last = fabs@{f}(behind(goal, i, j) - last);
+    if (time < @{number(near)}) {
+        first += last;
+    }
+    first = (first > last) ? first : last;
+    if (point->order == 1 && (first * bent_rates[j] > rates[j] || first * bent_changes[j] > changes[j])) {
+        found = 1;
+    }
+    return found;
+}
+
+{% endif %}
 /* Duration of the stop, from this velocity and acceleration, that takes a way: T (v/2 + T a/12) = way. */
 static scalar time_to(scalar way, scalar velocity, scalar acceleration)
 {
@@ -267,6 +340,16 @@ static int is_far(int j, scalar way, scalar time)
     return (size > farthest[j] && (time < SMOOTHING || size > fastest[j] * time)) ? 1 : 0;
 }
 
+/* From the motion that there is to waypoint i in a time. */
+static void follow(@{name}_follow_state *state, scalar stop_time, const @{name}_follow_goal *goal, int i, scalar time)
+{
+    state->goal = *goal;
+    state->segment = i;
+    state->first = time;
+    state->active = 1;
+    begin_from_here(state, stop_time);
+}
+
 static int take(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_follow_goal *goal)
 {
     const scalar gone = (goal->begins < @{zero}) ? -goal->begins : @{zero};
@@ -290,13 +373,14 @@ static int take(@{name}_follow_state *state, const @{name}_follow_options *optio
         if (goal->moves[j] != 0 && is_far(j, goal->points[first].position[j] - state->now[0][j], time) != 0) {
             result = @{NAME}_FOLLOW_INVALID_GOAL;
         }
+{% if limited %}
+        if (options->limited != 0 && goal->moves[j] != 0 && begins_quickly(state, goal, first, j, time) != 0) {
+            result = @{NAME}_FOLLOW_INVALID_GOAL;
+        }
+{% endif %}
     }
     if (result == @{NAME}_FOLLOW_ACTIVE) {
-        state->goal = *goal;
-        state->segment = first;
-        state->first = time;
-        state->active = 1;
-        begin_from_here(state, options->stop_time);
+        follow(state, options->stop_time, goal, first, time);
     }
     return result;
 }
@@ -382,6 +466,61 @@ int @{name}_follow_init(@{name}_follow_state *state, const @{name}_real *q)
     return code;
 }
 
+{% if limited %}
+/* Whether drives do not take the commands from the first waypoint on, with the joints that are left out at home. */
+static int is_quick(const @{name}_follow_options *options, const @{name}_follow_goal *goal)
+{
+    static const scalar home[JOINTS] = {@{row(home)}};
+    const @{name}_follow_point *const points = goal->points;
+    @{name}_follow_state state;
+    scalar begin[3][JOINTS], command[JOINTS] = {0}, rate[JOINTS] = {0}, row[@{NAME}_STATES + @{NAME}_INPUTS];
+    scalar time;
+    int found = 0;
+    long k = 0;
+    if (goal->count < 2) {
+        return 0;
+    }
+    if (points[goal->count - 1].time - points[0].time > @{number(most_judged)} * @{NAME}_PERIOD) {
+        return 1;
+    }
+    time = points[1].time - points[0].time;
+    for (int j = 0; j < JOINTS; ++j) {
+        begin[0][j] = (goal->moves[j] != 0) ? points[0].position[j] : home[j];
+        begin[1][j] = (goal->moves[j] != 0 && points[0].order > 1) ? points[0].velocity[j] : @{zero};
+        begin[2][j] = (goal->moves[j] != 0 && points[0].order > 2) ? points[0].acceleration[j] : @{zero};
+        if (goal->moves[j] != 0 && points[0].order == 1 && points[0].time > @{zero}) { /* it has that velocity already */
+            begin[1][j] = behind(goal, 0, j);
+        }
+    }
+    (void)@{name}_follow_init(&state, begin[0]);
+    for (int j = 0; j < JOINTS; ++j) {
+        for (int i = 0; i < SAMPLES; ++i) {
+            const scalar age = @{NAME}_PERIOD * (scalar)i;
+            state.path[(SAMPLES - i) % SAMPLES][j] = begin[0][j] - (age * (begin[1][j] - (@{number(0.5)} * age * begin[2][j])));
+        }
+        state.now[1][j] = begin[1][j];
+        state.now[2][j] = begin[2][j];
+    }
+    follow(&state, options->stop_time, goal, 1, time);
+    while (rests(&state) == 0) {
+        push(&state, @{unity});
+        @{called}(state.motion[1][0], state.motion[1][1], state.motion[1][2], state.motion[1][3], state.motion[1][4],
+            @{name}_defaults.value, row, row + @{NAME}_STATES);
+        for (int j = 0; j < JOINTS; ++j) {
+            const scalar next = row[@{NAME}_STATES + j];
+            const scalar changed = (next - command[j]) / @{NAME}_PERIOD;
+            const scalar rounded = (@{number(rounding)} * fabs@{f}(next)) / @{NAME}_PERIOD;
+            found += (k > 0 && fabs@{f}(changed) > rates[j] + rounded) ? 1 : 0;
+            found += (k > 1 && fabs@{f}(changed - rate[j]) / @{NAME}_PERIOD > changes[j] + (rounded / @{NAME}_PERIOD)) ? 1 : 0;
+            command[j] = next;
+            rate[j] = changed;
+        }
+        k += 1;
+    }
+    return (found > 0) ? 1 : 0;
+}
+
+{% endif %}
 static int is_tolerance(scalar value)
 {
     return (isfinite(value) != 0 && (value >= @{zero} || (value >= @{number(-1.0)} && value <= @{number(-1.0)}))) ? 1 : 0;
@@ -439,6 +578,10 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
                 result = @{NAME}_FOLLOW_INVALID_GOAL;
             } else if (goal->begins + last->time <= @{zero}) {
                 result = @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP;
+{% if limited %}
+            } else if (options->limited != 0 && is_quick(options, goal) != 0) {
+                result = @{NAME}_FOLLOW_INVALID_GOAL;
+{% endif %}
             } else {
                 /* it may be followed */
             }

@@ -60,6 +60,9 @@ typedef struct {
     @{name}_real timeout;   /* after the end of a path, after which its goal is given up; 0: none */
     @{name}_real stop_time; /* in which joints come to rest after a cancelled goal, or that a goal leaves out */
     int partial;            /* whether a goal may leave joints out */
+{% if limited %}
+    int limited;            /* whether a goal that is too quick for the drives is refused */
+{% endif %}
 } @{name}_follow_options;
 
 extern const @{name}_follow_options @{name}_follow_defaults;
@@ -96,12 +99,15 @@ int @{name}_follow_init(@{name}_follow_state *state, const @{name}_real *q);
 /* Whether a goal may be followed: @{NAME}_FOLLOW_SUCCESSFUL, or why not. Its time grows with the waypoints, so call it
  * outside of the loop. Refused are: no waypoint; times that do not increase, or are nearer than a period / @{passed}; numbers
  * that are not finite; a place outside of the joint's range; a jump, or a way that is faster than the joint's speed limit;
+{% if limited %}
+ * commands that change faster, or are accelerated more, than by @{share} of what the drives take;
+{% endif %}
  * a speed at the end; a joint that is left out, without the option; and a trajectory that is over. */
 int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_follow_goal *goal);
 
 /* Follow a checked goal, from the motion that there is to the first waypoint whose time is still to come. Where it begins
  * later, the goal before it goes on until then, but for @{delay} s: so the links are in time. Returns @{NAME}_FOLLOW_ACTIVE;
- * or @{NAME}_FOLLOW_INVALID_GOAL where that would be a jump: then all goes on as before. */
+ * or @{NAME}_FOLLOW_INVALID_GOAL where that would be a jump@{", or too quick for a drive" if limited}: then all goes on as before. */
 int @{name}_follow_start(@{name}_follow_state *state, const @{name}_follow_options *options,
                         const @{name}_follow_goal *goal);
 

@@ -19,7 +19,7 @@ static void tolerances_of(@{name}_follow_tolerance *one, const real *numbers)
 EXPORT size_t follow_size(void) { return sizeof(follower); }
 EXPORT size_t follow_point_size(void) { return sizeof(@{name}_follow_point); }
 EXPORT int follow_waits(const follower *one) { return one->state.has_next; }
-EXPORT int follow_reset(follower *one, const real *q, const real *numbers, int partial)
+EXPORT int follow_reset(follower *one, const real *q, const real *numbers, int partial, int limited)
 {
     tolerances_of(&one->options.path, numbers);
     tolerances_of(&one->options.goal, numbers + 2 * N);
@@ -27,6 +27,11 @@ EXPORT int follow_reset(follower *one, const real *q, const real *numbers, int p
     one->options.timeout = numbers[4 * N + 1];
     one->options.stop_time = numbers[4 * N + 2];
     one->options.partial = partial;
+{% if limited %}
+    one->options.limited = limited;
+{% else %}
+    (void)limited;
+{% endif %}
     return @{name}_follow_init(&one->state, q);
 }
 /* The points stay where they are while they are followed: the caller keeps them. */

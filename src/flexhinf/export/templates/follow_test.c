@@ -29,11 +29,11 @@ typedef struct {
 } event_row;
 
 static const @{name}_follow_options usual = {
-    @{pair(usual[0])}, @{pair(usual[1])}, @{number(goal_time)}, @{number(timeout)}, @{number(stop_time)}, @{partial}
+    @{pair(usual[0])}, @{pair(usual[1])}, @{number(goal_time)}, @{number(timeout)}, @{number(stop_time)}, @{partial}@{", 1" if limited}
 };
 static const @{name}_follow_options options = {
     @{pair(options.usual[0])}, @{pair(options.usual[1])}, @{number(options.goal_time)}, @{number(options.timeout)},
-    @{number(options.stop_time)}, @{options.partial | int}
+    @{number(options.stop_time)}, @{options.partial | int}@{", 0" if limited}
 };
 static const @{name}_follow_point points[@{points | length}] = {
 {% for time, q, dq, ddq, order in points %}
@@ -122,6 +122,10 @@ static void refused(void)
     expect(same(own->goal_time, usual.goal_time) && same(own->timeout, usual.timeout));
     expect(same(own->stop_time, usual.stop_time) && own->partial == usual.partial);
     plain.partial = 0;
+{% if limited %}
+    expect(own->limited == 1);
+    plain.limited = 1;
+{% endif %}
     for (int k = 0; k < @{checks | length}; ++k) {
         const @{name}_follow_goal one = goal_of(checks[k][0]);
         expect(@{name}_follow_check(&options, &one) == checks[k][1]);
