@@ -35,8 +35,8 @@ class GoalLimits(NamedTuple):
         for joint in range(found.shape[1]) if np.isfinite(commands).any() else ():
             path = np.tile(np.asarray(robot.home, dtype=float), (samples, 1))
             path[:, joint] += SLOWLY * feedforward.period * np.arange(samples)
-            asked = robot.inverse_dynamics(*feedforward.smoothed(path))[1]
-            changes = command_changes(asked, feedforward.period)
+            inputs = robot.inverse_dynamics(*feedforward.smoothed(path))[1]
+            changes = command_changes(inputs, feedforward.period)
             found[:, joint] = [np.abs(rows[:, joint]).max() / SLOWLY for rows in changes]
         return cls(SHARE * motion_limits(robot), commands, found)
 
@@ -53,8 +53,8 @@ class GoalLimits(NamedTuple):
         order: int = goal.orders[segment]
         end, last = goal.points[:, segment], segment + 1 == len(goal.times)
         moves = np.where(goal.moves, 1.0, 0.0)
-        ways = (between(begin, end, time, time * i / PARTS, order)[1:] for i in range(PARTS + 1))
-        found = any(np.any(moves * np.abs(way) > self.links) for way in ways)
+        motions = (between(begin, end, time, time * i / PARTS, order)[1:] for i in range(PARTS + 1))
+        found = any(np.any(moves * np.abs(way) > self.links) for way in motions)
         if order > 1:
             return found
         slope, after = (end[0] - begin[0]) / time, np.zeros_like(end[0])

@@ -352,7 +352,7 @@ class Follower(StatedRepr):
         one._path, one._now = begin[0] - ages * (begin[1] - 0.5 * ages * begin[2]), begin
         one._take(goal, 1, float(times[1] - times[0]))
         rows = list[np.ndarray]()
-        while not one._rests:
+        while not (one._is_over and one._left == 0):
             one._push(1.0)
             rows.append(one._motion[1])
         commands = self.robot.inverse_dynamics(*np.array(rows).transpose(1, 0, 2))[1]
@@ -487,11 +487,6 @@ class Follower(StatedRepr):
         goal = self._goal
         return goal is None or (self._segment == len(goal.times) and self._age >= self._stopped_at)
 
-    @property
-    def _rests(self) -> bool:
-        """Whether the smoothed motion rests at the end too."""
-        return self._is_over and self._left == 0
-
     def _advance(self, time: float) -> None:
         """The path so much later."""
         goal = self._goal
@@ -550,7 +545,7 @@ class Follower(StatedRepr):
         goal = self._goal
         if not self._active or goal is None:
             return FollowCode.IDLE
-        if not self._rests:
+        if not (self._is_over and self._left == 0):
             if _within(errors, goal.path):
                 return FollowCode.ACTIVE
             self._stop()

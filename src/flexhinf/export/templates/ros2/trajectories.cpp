@@ -36,7 +36,7 @@ const char * text_of(int code)
     case @{NAME}_FOLLOW_GOAL_TOLERANCE_VIOLATED:
       return "a joint did not reach the goal in time";
     default:
-      return "expected waypoints that increase in time, finite, within the joints' ranges and speeds, at rest at the end";
+      return "expected waypoints that increase in time, finite, within the joints' ranges and speeds and what drives take, at rest at the end";
   }
 }
 
