@@ -138,8 +138,12 @@ def _with_memories(
     if exact:
         other += [(memory, 2) for memory in _singular_memories(controller)]
         other += [(memory, 1) for memory in _changed_memories(controller, met)]
-    for memory, count in other:
-        memory, rows = held(memory), slice(0, count)
+    places = controller.data.places
+    ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
+    for kept, count in other:
+        memory, rows = held(kept), slice(0, count)
+        last = controller.memory.named(memory).u
+        last[...] = np.clip(last, *ends)  # an input that these limits let pass, from which it changes slowly
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
         if controller.gaps and y.shape[1] > 1 and count == EACH:
