@@ -17,8 +17,8 @@ import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.provocation import provoked
-from flexhinf.export.recording import memory_hash, record
+from flexhinf.export.provocation import _with_memories, provoked
+from flexhinf.export.recording import Provocation, memory_hash, record
 from flexhinf.export.safety import CHECKED, SECTIONS
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -52,6 +52,19 @@ def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
     assert min(run.path_rate) < 0.5
     one = int.from_bytes(np.float64(0.1).tobytes(), sys.byteorder)
     assert memory_hash(np.array([0.1])) == ((14695981039346656037 ^ one) * 1099511628211) % 2**64
+
+
+@pytest.mark.costs("a controller goes on from some memories")
+def test_a_controller_that_changes_slowly_goes_on_from_an_input_within_its_limits() -> None:
+    """Else C and Python may differ: one keeps the limit, the other the rate."""
+    own = arm_controller(kind=fh.ExtendedKalmanFilter, input_rate=20.0)
+    numbers, rest = np.array(own.data_vector), np.zeros((1, len(own.measured)))
+    numbers[own.data.places["lower"]] = 5.0
+    one = Provocation(rest, np.array([own.operating_reference]), [1], numbers, None, np.array([6.0]), {})
+    memories = _with_memories(one, own, np.array, True).memories
+    assert memories
+    assert own.memory.named(own.initial_memory()).u < 5.0
+    assert all(own.memory.named(memory).u >= 5.0 for memory in memories.values())
 
 
 @pytest.mark.ci("an export")
