@@ -208,7 +208,9 @@ def _proof_text(judged: CampaignJudgement) -> str:
     """What is sampled, and what is proved, in a line."""
     certify = " flexhinf certify DESIGN says what is proved of its controller."
     designed = verdict_of(judged.table.journal) is not None
-    return f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing.{certify * designed}"
+    return (
+        f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing.{certify * designed}"
+    )
 
 
 # Success and failures ----------------------------------------------------------------------------------------
