@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from sphinx.application import Sphinx
-from sphinx.util import logging
 from tests.store import command, source_digest
 
-_LOG = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
 _PLACE = "<!-- made by the build: live pages -->"
 
 #: The arms: a title, and the design whose page is shown. A robot file lies beside this one.
@@ -55,7 +56,11 @@ def make(folder: Path) -> list[str]:
             command(("design", *words), work)  # exit code 1 is a design too
             done = command(("export", "web", "flexhinf-design"), work)
             if done.code:
-                _LOG.warning("live page %s: %s", name, (done.errors or done.output).strip())
+                from sphinx.util import logging  # here, as tests read this file without Sphinx
+
+                logging.getLogger(__name__).warning(
+                    "live page %s: %s", name, (done.errors or done.output).strip()
+                )
                 continue
             shutil.copy(work / "flexhinf-design.html", page)
         made.append(name)
