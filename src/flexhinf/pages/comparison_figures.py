@@ -149,7 +149,6 @@ def responses_figure(comparison: Comparison) -> Figure:
     )
 
 
-@house_style()
 def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> list[Figure]:
     """The arm during the step, under the design and under its best rival; none where one of them has no such run."""
     own = comparison.own.evaluation
@@ -173,6 +172,7 @@ def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> li
     return [] if figure is None else [figure]
 
 
+@house_style()
 def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
     """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
 
