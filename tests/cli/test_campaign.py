@@ -248,7 +248,7 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     limit = ["--require", f"peak_speed<={0.5 * (value + json.loads(kept)['sampled']['value'])!r}"]
     assert main(["campaign", "merge", "runs", *limit]) == 1  # every sample keeps it, the robot found does not
     assert "0 of 40 failed" in said(capsys)
-    page = re.sub(r"<svg.*?</svg>", "", (judged / "runs" / "index.html").read_text(), flags=re.DOTALL)
+    page = re.sub(r"<figure.*?</figure>", "", (judged / "runs" / "index.html").read_text(), flags=re.DOTALL)
     status = page.split('class="verdict"')[1][:5000]
     assert unnamed(status, "not met", "peak speed") == []
     assert main([*WORDS, *search]) in (0, 1)

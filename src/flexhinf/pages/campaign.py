@@ -27,6 +27,7 @@ from flexhinf.design.campaign_folder import (
     stored_request,
     verdict_of,
 )
+from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
 from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.campaign_parts import (
@@ -88,6 +89,7 @@ from flexhinf.report import (
     number,
     quantile_band,
 )
+from flexhinf.robot.parts import file_warnings
 
 PlantRun = Callable[[WorstCase, EvaluatedPlant], Trajectory]
 
@@ -469,10 +471,15 @@ def _arms(judged: CampaignJudgement) -> list[Any]:
     worst = judged.worst_of_all
     if worst is None:
         return []
-    campaign, journal = stored_campaign(judged.table.journal.folder)
-    robot, values = stored_request(journal).request.robot, judged.column(judged.main)
+    values = judged.column(judged.main)
     middle = int(np.argsort(values)[len(values) // 2])
-    runs = [campaign.replay(sample) for sample in (worst, middle)]
+    try:
+        with file_warnings():  # the design has told them
+            campaign, journal = stored_campaign(judged.table.journal.folder)
+            robot = stored_request(journal).request.robot
+            runs = [campaign.replay(sample) for sample in (worst, middle)]
+    except FlexhinfError:  # a file that is gone: the page is of the samples all the same
+        return []
     count, n = min(len(run.time) for run in runs), len(robot.joint_names)
     links = [np.asarray(run.signals["state"])[:count, :n] for run in runs]
     if middle == worst or count < 2 or not all(np.isfinite(each).all() for each in links):
