@@ -42,7 +42,7 @@ def test_a_law_is_judged_with_damped_springs_and_undamped_ones_are_shown(setup_o
     names = [f"damping_{joint}" for joint in stated.joints]
     kept = [p for p in stated.robot.parameters if p.name not in names]
     bare = replace(stated, robot=replace(stated.robot, parameters=kept))
-    stiffness, inertia = LawEvaluation("law", bare).energy
+    stiffness, inertia, _ = LawEvaluation("law", bare).energy
     twice = 1.0 / np.diag(inertia)[2:] + np.diag(np.linalg.inv(inertia[:2, :2]))
     own = (2.0 * 0.005 * stiffness / np.sqrt(stiffness * twice)).tolist()
     by_hand = stated.robot.with_values(dict(zip(names, own, strict=True)))
