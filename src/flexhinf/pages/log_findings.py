@@ -125,7 +125,7 @@ def checked_log_page(
     sections = [finding_section(findings)]
     if log is not None:
         with house_style():
-            sections.append(Section("The signals", tuple(with_figures(_signals(log, findings))), "signals"))
+            sections.append(Section("The signals", tuple(*with_figures(_signals(log, findings))), "signals"))
     if warnings:
         sections.append(Section("The robot's file", tuple(note(text) for text in warnings), "robot"))
     return Page(
