@@ -239,14 +239,8 @@ def legend(axes: Axes) -> None:
     handles, names = axes.get_legend_handles_labels()
     if not handles:
         return
-    wrapped = ["\n".join(textwrap.wrap(name, 44)) for name in names]
-    letters = [max(map(len, name.split("\n"))) for name in wrapped]
     room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 75.0  # pt, beside tick and axis labels
-    # Matplotlib fills a legend column by column
-    layouts = (np.array_split(letters, -(-len(names) // rows)) for rows in range(1, len(names)))
-    fitting = (
-        len(parts) for parts in layouts if sum(0.6 * TEXT * max(part) + 3.2 * TEXT for part in parts) <= room
-    )
+    wrapped, columns = min(_layouts(names, room), key=_height)
     tiny = (
         axes.get_yscale() == "linear" and max(map(abs, axes.get_ylim())) < 1e-4
     )  # a power of ten stands there
@@ -255,10 +249,30 @@ def legend(axes: Axes) -> None:
         wrapped,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.14 if tiny else 1.0),
-        ncols=next(fitting, 1),
+        ncols=columns,
         borderaxespad=0.2,
         columnspacing=1.0,
         handletextpad=0.5,
+    )
+
+
+def _layouts(names: Sequence[str], room: float) -> Iterator[tuple[list[str], int]]:
+    """Names of a legend, in wider lines first, and numbers of columns that fit into so many points."""
+    for width in (44, 30, 22, 16):
+        wrapped = ["\n".join(textwrap.wrap(name, width)) for name in names]
+        yield wrapped, 1
+        letters = [max(map(len, name.split("\n"))) for name in wrapped]
+        for columns in range(2, len(names) + 1):
+            parts = np.array_split(letters, columns)  # Matplotlib fills a legend column by column
+            if sum(0.6 * TEXT * max(part) + 3.2 * TEXT for part in parts) <= room:
+                yield wrapped, columns
+
+
+def _height(layout: tuple[list[str], int]) -> int:
+    """Lines of the highest column."""
+    wrapped, columns = layout
+    return max(
+        sum(name.count("\n") + 1 for name in part) for part in np.array_split(np.array(wrapped), columns)
     )
 
 
