@@ -316,7 +316,8 @@ def _limit(evidence: Evidence) -> list[Any]:
             "which the inequality fails, and so says how large a level can be at most."
         ),
         _slice(
-            ("limit", "Where the level ends"), claim, plane, (1.0, 1.0), points, (across, "share of the limiting point", ""),
+            ("limit", "Where the level ends"), claim, plane, (1.0, 1.0), points,
+            (across, "share of the limiting point", ""),
             f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}.",
             markersize=5,
         ),
@@ -324,8 +325,8 @@ def _limit(evidence: Evidence) -> list[Any]:
 
 
 def _slice(
-    place: tuple[str, str], claim: Certificate, cut: Slice, scales: tuple[float, float], lines: Sequence[tuple[Any, ...]],
-    names: tuple[str, str, str], caption: str, **style: Any,
+    place: tuple[str, str], claim: Certificate, cut: Slice, scales: tuple[float, float],
+    lines: Sequence[tuple[Any, ...]], names: tuple[str, str, str], caption: str, **style: Any,
 ) -> Figure:  # fmt: skip
     """Figure of r/V in bands, with the proved and the sampled level, the goal, the worst point inside, and `lines`.
 

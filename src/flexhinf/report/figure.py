@@ -299,23 +299,39 @@ class Film:
 def figure_to_svg(figure: Figure) -> str:
     """A figure as an SVG document; the same figure gives the same bytes, and no date is in them.
 
-    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out. Names
-    with dollar signs are set as they are, not as formulas; powers of ten beside logarithmic axes stay formulas.
+    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out. It is
+    drawn again where the axes, in their new size, got longer numbers, which push a label over the edge. Names with
+    dollar signs are set as they are, not as formulas; powers of ten beside logarithmic axes stay formulas.
     """
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
     for text in _texts(figure):
         if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
             text.set_parse_math(False)
+    drawn = _drawn(figure)
+    if any(float(x[0] or x[1]) < 0.8 * TEXT for x in _UPRIGHT.findall(drawn)):
+        for axes in figure.axes:
+            if axes.get_yscale() == "linear":
+                low, high = sorted(axes.get_ylim())
+                axes.set_yticks([mark for mark in axes.get_yticks() if low <= mark <= high])
+        drawn = _drawn(figure)
+    finer = re.compile(r"(?<=\d\.\d\d)\d+")  # than hundredths of a point, which no screen shows
+    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), drawn)
+    return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
+
+
+#: Where the foot of a text that reads upwards is, points from the left edge: of one line, of one among several.
+_UPRIGHT = re.compile(r"rotate\(-90 ([-\d.]+) |translate\(([-\d.]+) [-\d.]+\) rotate\(-90")
+
+
+def _drawn(figure: Figure) -> str:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     stream = io.StringIO()
     with warnings.catch_warnings():  # the browser has fonts for every script
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         FigureCanvasSVG(figure).print_svg(
             stream, metadata={"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
         )
-    finer = re.compile(r"(?<=\d\.\d\d)\d+")  # than hundredths of a point, which no screen shows
-    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), stream.getvalue())
-    return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
+    return stream.getvalue()
 
 
 def _texts(artist: Artist) -> Iterator[Text]:
