@@ -8,10 +8,32 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.design.test_workspace_controller import deployed, made
 
 import flexhinf as fh
 from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.loop_setup import LoopSetup
+
+
+@pytest.mark.ci("steps a controller 3,000 times, twice")
+def test_noise_that_requirements_allow_is_no_limit_cycle() -> None:
+    """5 % of what a motor gives, rms: swings of ± 10 % are 4 standard deviations, and one followed the other."""
+    quiet = made(measurement_noise=8e-4**2)
+    setup = replace(quiet, random=tuple(10.0 * size for size in quiet.random))
+    at = np.asarray(setup.workspace.home)
+    share = setup.noise_spread(setup.linear(at))[0] / setup.authority
+    assert 0.04 < share.max() < 0.06
+    (x, u), one, said = setup.robot.operating_point(at), deployed(setup), []
+    rest = dict(zip(one.commanded, [*x, *u], strict=True))
+    run = setup.loop(one).run(rest, noise=setup.noise, duration=3.0, initial_state=x, seed=1)
+    for swing in (setup.supervision.swing, 0.2 * setup.authority):
+        one = deployed(setup, supervision=replace(setup.supervision, swing=swing))
+        bits = []
+        for y in run.signals["output"]:
+            one.step(y, [*x, *u])
+            bits.append(fh.Status.LIMIT_CYCLE in one.status)
+        said.append(any(bits))
+    assert said == [False, True]
 
 
 @pytest.mark.ci("searches weights")

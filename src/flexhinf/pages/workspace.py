@@ -457,7 +457,7 @@ def _watched(design: WorkspaceEvidence) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
     setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
-    swing = f"{effort_text(0.1 * setup.authority.round(2))} {units_in(design).effort}"
+    swing = f"{effort_text(np.round(0.5 * setup.input_swing, 2))} {units_in(design).effort}"
     watched = [
         f"whether the commanded joints are within {watch.text} (rad, m)",
         f"whether an input swings to and fro by more than {swing} at rest, or a joint by more than "
