@@ -15,6 +15,21 @@ from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.loop_setup import LoopSetup
 
 
+@pytest.mark.ci("searches weights")
+def test_a_design_of_a_pose_with_loud_sensors_counts_larger_swings(
+    setup_of: Callable[..., LoopSetup],
+) -> None:
+    setups = (
+        setup_of("planar-two-link", (0.5, -0.7), saturation=24.0, measurement_noise=1e-4, torque_noise=size)
+        for size in (1e-9, 1e-2)
+    )
+    quiet, loud = (setup.supervision.swing for setup in setups)
+    assert quiet is None
+    swing = np.asarray(loud)
+    assert (swing >= 0.2 * 24.0).all()
+    assert swing.max() > 0.3 * 24.0
+
+
 @pytest.mark.ci("steps a controller 3,000 times, twice")
 def test_noise_that_requirements_allow_is_no_limit_cycle() -> None:
     """5 % of what a motor gives, rms: swings of ± 10 % are 4 standard deviations, and one followed the other."""
