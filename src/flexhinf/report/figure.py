@@ -256,10 +256,20 @@ def legend(axes: Axes) -> None:
     )
 
 
+#: What no line of a legend ends within: a comparison, a number with its per cent sign.
+_FORMULA, _GLUE = re.compile(r"\S+ [=<≤>≥] \S+|\S+ %"), re.compile("\N{NO-BREAK SPACE}")
+
+
+def _glued(part: re.Match[str]) -> str:
+    return part[0].replace(" ", "\N{NO-BREAK SPACE}")
+
+
 def _layouts(names: Sequence[str], room: float) -> Iterator[tuple[list[str], int]]:
     """Names of a legend, in wider lines first, and numbers of columns that fit into so many points."""
     for width in (44, 30, 22, 16):
-        wrapped = ["\n".join(textwrap.wrap(name, width)) for name in names]
+        wrapped = [
+            _GLUE.sub(" ", "\n".join(textwrap.wrap(_FORMULA.sub(_glued, name), width))) for name in names
+        ]
         yield wrapped, 1
         letters = [max(map(len, name.split("\n"))) for name in wrapped]
         for columns in range(2, len(names) + 1):
