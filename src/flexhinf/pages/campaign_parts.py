@@ -315,7 +315,9 @@ def write_pair(result: DesignPair) -> Path:
     settings, counts = result.judged[0].table.journal.settings, result.paired.success
     metrics = map(result.paired.metric, result.paired.metrics)
     varied = [
-        _shown(result, m) for m in metrics if np.any(np.isfinite(m.differences) & (m.differences != 0.0))
+        _in_page_units(result, m)
+        for m in metrics
+        if np.any(np.isfinite(m.differences) & (m.differences != 0.0))
     ]
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
@@ -360,7 +362,7 @@ def pair_verdict(result: DesignPair) -> str:
         text += f" ({counts.only_a} with A alone, {counts.only_b} with B alone{test})"
     if not paired.main:
         return f"{text}."
-    metric = _shown(result, paired.metric(paired.main))
+    metric = _in_page_units(result, paired.metric(paired.main))
     medians = [value_text(median, metric.unit) for median in metric.medians]
     better = [percent_text(share.rate) for share in metric.better]
     return (
@@ -375,7 +377,7 @@ def pair_designs(result: DesignPair) -> list[str]:
     return [f"{side}: {campaign_design(judged)}" for side, judged in zip("AB", result.judged)]
 
 
-def _shown(result: DesignPair, metric: PairedMetric) -> PairedMetric:
+def _in_page_units(result: DesignPair, metric: PairedMetric) -> PairedMetric:
     """The metric in the unit of the design's pages."""
     factor, unit = display_scale(metric.unit, in_degrees(result.judged[0]))
     return (
@@ -469,7 +471,7 @@ def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
                 ),
                 len(metric.pairs),
             )
-            for metric in (_shown(result, result.paired.metric(name)) for name in names) if len(metric.pairs)
+            for metric in (_in_page_units(result, result.paired.metric(name)) for name in names) if len(metric.pairs)
         ],
         "Paired differences", "table-differences", title=f"B − A on the same {result.paired.count} robots",
     )  # fmt: skip

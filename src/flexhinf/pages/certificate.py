@@ -174,8 +174,8 @@ def _missing_text(claim: Certificate) -> str:
 # Numbers --------------------------------------------------------------------------------------------------
 def _in(degrees: bool, unit: str) -> tuple[float, str]:
     """Factor and unit in which numbers of a unit are shown, angles in `degrees` where the pages of the design are."""
-    shown = {"rad": "°", "rad·s": "°·s"}.get(unit, "") if degrees else ""
-    return (180.0 / np.pi, shown) if shown else (1.0, unit)
+    angular = {"rad": "°", "rad·s": "°·s"}.get(unit, "") if degrees else ""
+    return (180.0 / np.pi, angular) if angular else (1.0, unit)
 
 
 def _position(claim: Certificate, degrees: bool) -> tuple[float, str]:
@@ -392,11 +392,11 @@ def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]
     claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim, degrees)
-    size, disturbed = _in(degrees, common_unit(claim.disturbances))
+    size, d_unit = _in(degrees, common_unit(claim.disturbances))
     kinds: tuple[Any, ...] = (
         (law.steps, "largest", "Largest steps", ("input", claim.inputs[0].unit),
          "The largest proved step for each start of the integrator, without disturbance."),
-        (evidence.worst, "worst", "Worst disturbance", ("|d|", disturbed),
+        (evidence.worst, "worst", "Worst disturbance", ("|d|", d_unit),
          "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as the "
          "budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."),
     )  # fmt: skip
@@ -496,7 +496,7 @@ def _gain(evidence: Evidence, degrees: bool) -> list[Any]:
     legend(axis)
     (scale, unit), run, few = _position(claim, degrees), attained.trajectory, thin(attained.times)
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
-    size, disturbed = _in(degrees, common_unit(claim.disturbances))
+    size, d_unit = _in(degrees, common_unit(claim.disturbances))
     position = Line(run.time[thin(run.time)], scale * moved[thin(run.time)], None, {"color": SERIES[2]})
     return [
         Paragraph(
@@ -511,7 +511,7 @@ def _gain(evidence: Evidence, degrees: bool) -> list[Any]:
         draw_figure(
             "attained",
             (
-                Panel("d", disturbed, [
+                Panel("d", d_unit, [
                     Line(attained.times[few], size * column[few], signal.name.replace("_", " "), {"color": colour})
                     for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES)
                 ], also=legend),

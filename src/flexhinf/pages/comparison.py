@@ -138,17 +138,17 @@ def unlimited_text(comparison: Comparison) -> str:
     """That no motor has a limit, and what a law then asks of one; "" where limits hold, or no law makes use of it."""
     if _limited(comparison):
         return ""
-    asked = {
+    peaks = {
         row.name: row.evaluation.metrics.get("step_peak_input")
         for row in comparison.compared
         if row.evaluation
     }
-    design, most = asked.get(DESIGN), max(asked, key=lambda name: asked[name] or 0.0, default=DESIGN)
-    if not design or not (asked[most] or 0.0) > UNLIMITED * design:
+    design, most = peaks.get(DESIGN), max(peaks, key=lambda name: peaks[name] or 0.0, default=DESIGN)
+    if not design or not (peaks[most] or 0.0) > UNLIMITED * design:
         return ""
     unit = comparison.units()["input"]
     return (
-        f"The laws are ranked by inputs that no motor limits: {most} takes {number(asked[most] or 0.0, 3)} {unit} in "
+        f"The laws are ranked by inputs that no motor limits: {most} takes {number(peaks[most] or 0.0, 3)} {unit} in "
         f"the step, the design as it is for {number(design, 3)} {unit}. To try: --peak-effort, with what a motor gives."
     )
 

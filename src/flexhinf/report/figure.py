@@ -316,15 +316,15 @@ def figure_to_svg(figure: Figure) -> str:
     for text in _texts(figure):
         if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
             text.set_parse_math(False)
-    drawn = _drawn(figure)
-    if any(float(x[0] or x[1]) < 0.8 * TEXT for x in _UPRIGHT.findall(drawn)):
+    svg = _svg_text(figure)
+    if any(float(x[0] or x[1]) < 0.8 * TEXT for x in _UPRIGHT.findall(svg)):
         for axes in figure.axes:
             if axes.get_yscale() == "linear":
                 low, high = sorted(axes.get_ylim())
                 axes.set_yticks([mark for mark in axes.get_yticks() if low <= mark <= high])
-        drawn = _drawn(figure)
+        svg = _svg_text(figure)
     finer = re.compile(r"(?<=\d\.\d\d)\d+")  # than hundredths of a point, which no screen shows
-    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), drawn)
+    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), svg)
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
 
 
@@ -332,7 +332,7 @@ def figure_to_svg(figure: Figure) -> str:
 _UPRIGHT = re.compile(r"rotate\(-90 ([-\d.]+) |translate\(([-\d.]+) [-\d.]+\) rotate\(-90")
 
 
-def _drawn(figure: Figure) -> str:
+def _svg_text(figure: Figure) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     stream = io.StringIO()
