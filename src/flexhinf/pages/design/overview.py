@@ -184,9 +184,9 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
     label(lower, "largest error", small)
     lower.set_ylim(bottom=0.0)
     ends = [float(move.response.run.time[-1]) for move in moves]
-    shown = SEEN_MOVES * ends[worst]  # a longer move would leave the worst one a sliver of the picture
-    upper.set_xlim(0.0, min(shown, max(ends)))
-    longer = sum(end > shown for end in ends)
+    length = SEEN_MOVES * ends[worst]  # a longer move would leave the worst one a sliver of the picture
+    upper.set_xlim(0.0, min(length, max(ends)))
+    longer = sum(end > length for end in ends)
     for axes in (upper, lower):
         legend(axes)
     block = figure_block(
