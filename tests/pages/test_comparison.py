@@ -117,7 +117,7 @@ def test_a_ranking_by_inputs_that_no_motor_limits_says_so_first(
     )
     assert (unit_of(noise, found), cell(noise, 2547.386, found)) == ("V", "2547")
     first, _, others = comparison_verdict(found).partition(". ")
-    assert unnamed(first, "nl-hinf", 9840.0) == []
+    assert unnamed(first, "nl-hinf", 9.84) == []
     assert unnamed(others, "--peak-effort", "loses") == []
     assert {"risky"} <= {status.kind for status in comparison_page(found, ["flexhinf"]).status} - {"met"}
 

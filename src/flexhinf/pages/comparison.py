@@ -147,9 +147,13 @@ def unlimited_text(comparison: Comparison) -> str:
     if not design or not (peaks[most] or 0.0) > UNLIMITED * design:
         return ""
     unit = comparison.units()["input"]
+    large, usual = (
+        f"{number(size / 1e3, 3)} k{unit}" if size >= 1e3 else f"{number(size, 3)} {unit}"
+        for size in (peaks[most] or 0.0, design)
+    )  # fmt: skip
     return (
-        f"The laws are ranked by inputs that no motor limits: {most} takes {number(peaks[most] or 0.0, 3)} {unit} in "
-        f"the step, the design as it is for {number(design, 3)} {unit}. To try: --peak-effort, with what a motor gives."
+        f"The laws are ranked by inputs that no motor limits: {most} takes {large} in the step, the design as it is "
+        f"takes {usual}. To try: --peak-effort, with what a motor gives."
     )
 
 
