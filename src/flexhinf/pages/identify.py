@@ -320,12 +320,17 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
             signal_label(name),
             f"{number(result.found.values[name], 5)} {result.stated[name].unit}".rstrip(),
             f"{number(value, 5)} {result.stated[name].unit}".rstrip(),
-            number(second.standard_errors[name], 2) if np.isfinite(second.standard_errors[name]) else None,
+            f"{number(second.standard_errors[name], 2)} {result.stated[name].unit}".rstrip()
+            if np.isfinite(second.standard_errors[name])
+            else None,
             Cell("no", "yellow") if name in second.differing else Cell("yes", "green"),
         )
         for name, value in second.values.items()
     ]
-    near = [f"{signal_label(name)} {number(100.0 * fit, 4)} %" for name, fit in second.fits.items()]
+    near = [
+        f"{number(100.0 * fit, 4)} % of the motion of {signal_label(name)}"
+        for name, fit in second.fits.items()
+    ]
     return Table(
         (
             "number",
@@ -336,7 +341,7 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
         ),
         rows,
         "A second opinion: the numbers with which a simulation with the log's inputs comes nearest (output error). It "
-        f"has of the motion of {listed(near)}",
+        f"explains {listed(near)}",
         "table-second",
     )
 

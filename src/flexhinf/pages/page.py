@@ -22,6 +22,7 @@ from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
+    count_text,
     effort_text,
     in_joint,
     joint_count,
@@ -484,7 +485,7 @@ def files_section(files: Sequence[str]) -> Section:
         (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
         for (folder, meaning), names in grouped.items()
     ]
-    brief = f"{len(files)} files"
+    brief = count_text(len(files), "file")
     return Section(
         "Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files", brief=brief
     )
