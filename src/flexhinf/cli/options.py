@@ -468,8 +468,12 @@ class InitOptions:
         "A joint that is to move; all others are locked. Repeat the option for more.", "shoulder", "name",
         default="all with a motor that follow no other one")
     joints: Whole = option(0, ROBOT, "A template of so many joints in a vertical plane, instead of a file.", "3")
-    drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"], CHOICE] = option("torque", ROBOT,
-        "What the motors take: torque, velocity or position; of a template also current or voltage.", "position")
+    gear: list[Text] = option(list, ROBOT,
+        "Published gear of a joint, by its name in `flexhinf robots`, or of all that turn: CSG-25-100. Repeat the "
+        "option for more.", "shoulder=CSG-25-100", "joint=name", default="those that the file names")
+    drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"] | None, CHOICE] = option(None,
+        ROBOT, "What the motors take; current or voltage of a template, or where all are <dcmotor>.", "position",
+        default="voltage where each joint has a <dcmotor> that takes it, else torque")
     out: Path | None = option(None, WRITTEN, "The robot file to write.", "arm.toml", "path",
         default="the name of the file with .toml, here")
     force: bool = option(False, WRITTEN, "Replace a file of that name.")
