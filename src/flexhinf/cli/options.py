@@ -425,7 +425,8 @@ class LogOptions(ElasticOptions):
     column: list[Text] = option(list, LOGGED,
         "The column of a signal that has another name in the log: motor_position=pos. Add its unit, "
         "\"motor_position=pos [deg]\", or a factor to the SI unit, \"motor_position=counts [0.00153]\". "
-        "state.link_position is a true state, with which errors are compared. Repeat the option for more.",
+        "link_position=q# are q1, q2, … of all joints. state.link_position is a true state, with which errors are "
+        "compared. Repeat the option for more.",
         "motor_position=pos", "signal=column")
     time: Text = option("", LOGGED,
         "The column of times, if it is not called time, t, timestamp or stamp, or if its name has no unit: "
