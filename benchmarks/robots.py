@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.robots --source "owner/name@commit=FOLDER"`` looks at every URDF below the folder; the package
 example-robot-data is looked at where it is installed. What is found goes to benchmarks/robots.json, where rows of other
-sources stay, and ``--table`` prints the table of docs/hardware.md from there. Of each file its SHA-256 is kept, and no text.
+sources stay, and ``--table`` prints the table of docs/hardware.md from there. Of each file its SHA-256 is kept, and no
+text.
 
 A file counts as loaded after ``flexhinf init`` if the robot file that it writes loads, and every joint with a motor
 moves in it: with an effort or a transmission, and neither coupled to another joint nor without mass behind it. Mass
