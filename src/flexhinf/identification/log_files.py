@@ -235,6 +235,7 @@ READERS: dict[str, Callable[[Path], FileColumns]] = {
     ".csv": _csv_columns,
     ".txt": _csv_columns,
     ".tsv": _csv_columns,
+    ".dat": _csv_columns,
     ".parquet": _parquet_columns,
     ".mcap": mcap_columns,
 }
