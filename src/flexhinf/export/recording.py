@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +17,7 @@ from flexhinf.loop.controller.options import equilibrium_line
 from flexhinf.validation import read_only
 
 #: How a sample ends, by the name of the code that a step in C returns for it.
-MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
+MEASURED, MISSING, NOT_FINITE, FAILED = "OK", "PREDICTED", "BAD_MEASUREMENT", "BAD_RESULT"
 
 #: A sample of whose measurement the first element is no number.
 GAP = "gap"
@@ -42,8 +43,9 @@ class Provocation:
     """What is given to a controller: `y` (K, p) and `r` (K, k), each for so many samples as `repeats` says.
 
     `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
-    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some
-    rows, by the number of the row.
+    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some rows, by the number
+    of the row; such a row may end in no finite number. `quiet`: From which row on the numbers at the places `noise` are
+    zero; None: never.
     """
 
     y: np.ndarray
@@ -54,6 +56,8 @@ class Provocation:
     input: np.ndarray | None
     memories: dict[int, np.ndarray]
     unmeasured: tuple[int, ...] = ()
+    quiet: int | None = None
+    noise: tuple[int, ...] = ()
 
     def begun(self, controller: Controller) -> Controller:
         """A fresh controller with these numbers, started there."""
@@ -62,15 +66,28 @@ class Provocation:
         fresh.reset(self.state, self.input)
         return fresh
 
+    def quieted(self, going: Controller) -> Controller:
+        """One that goes on from what a controller remembers, without noise."""
+        fresh, numbers = going.fresh(), np.array(self.numbers)
+        numbers[list(self.noise)] = 0.0
+        fresh.data_vector = read_only(numbers)
+        vars(history_of(fresh)).update(deepcopy(vars(history_of(going))))
+        return fresh
+
     def answered(self, controller: Controller) -> Recording:
         """What a controller does."""
-        return self.feed_to(self.begun(controller))
+        begun = self.begun(controller)
+        loud = self.feed_to(begun, 0, self.quiet)
+        if self.quiet is None:
+            return loud
+        return loud.behind(self.feed_to(self.quieted(begun), self.quiet))
 
-    def feed_to(self, begun: Controller, first: int = 0) -> Recording:
-        """What a controller does from a row on, that has had the rows before."""
-        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(first, len(self.y))]
+    def feed_to(self, begun: Controller, first: int = 0, end: int | None = None) -> Recording:
+        """What a controller does in rows from the first one to before the end, that has had the rows before."""
+        part = slice(first, len(self.y) if end is None else end)
+        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(part.start, part.stop)]
         memories = {k - first: memory for k, memory in self.memories.items()}
-        return feed(begun, self.y[first:], self.r[first:], kinds, self.repeats[first:], memories)
+        return feed(begun, self.y[part], self.r[part], kinds, self.repeats[part], memories)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +114,7 @@ class Recording:
     rejected: np.ndarray
     doubtful: list[int]
     hashes: list[int]
+    remembered: np.ndarray
     moved: int | None = None
     provocation: Provocation | None = None
 
@@ -287,15 +305,16 @@ def feed(
     repeats: Sequence[int] = (),
     memories: Mapping[int, np.ndarray] = NONE,
 ) -> Recording:
-    """As `replay`, to this controller itself, with other memories before some rows."""
+    """As `replay`, to this controller itself, with other memories before some rows, which may end in no finite number.
+    """
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, hashes = list[np.ndarray](), list[np.ndarray](), list[str](), list[int]()
+    inputs, estimates, codes, remembered = list[np.ndarray](), list[np.ndarray](), list[str](), list[np.ndarray]()
     said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
         code = kind
         if k in memories:
-            history_of(fresh).memory[:] = memories[k]
+            history_of(fresh).memory[:], history_of(fresh).failed = memories[k], False
         if kind == GAP:
             y[k, 0] = np.nan
             code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
@@ -304,12 +323,14 @@ def feed(
                 held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
         except NumericalFailure:
             if code != NOT_FINITE:
-                raise
+                if k not in memories:
+                    raise
+                code = FAILED
         codes.append(code)
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
         said.append((int(fresh.status), fresh.path_rate, np.array(fresh.rejected), fresh.doubtful_samples))
-        hashes.append(memory_hash(history_of(fresh).memory))
+        remembered.append(history_of(fresh).memory.copy())
     r = r if r.shape[1] else np.zeros((len(y), 1))
     status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
     return Recording(
@@ -323,5 +344,6 @@ def feed(
         rates,
         np.array(rejected),
         doubtful,
-        hashes,
+        [memory_hash(memory) for memory in remembered],
+        np.array(remembered),
     )
