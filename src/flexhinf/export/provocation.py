@@ -74,6 +74,9 @@ ELSEWHERE, AWAY = 0.02, 0.2
 #: How near to the largest following error a robot stays that keeps an input at its limit: half on either side.
 NEAR = 0.45
 
+#: How far from what is measured at rest a measurement is plausible, and how far from the last one, rad or m.
+BELIEVED = 4.0 * AWAY
+
 #: What measurements swing by at every row, and where something judges them.
 NOISE, QUIET = 2e-4, 1e-6
 
@@ -110,7 +113,7 @@ def provocations(code: ControllerCode, first: np.ndarray) -> Iterator[Provocatio
             return np.asarray(array).astype(code.real.kind).astype(float)
 
     for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
-        numbers = held(_other_numbers(code.controller, code.defaults, zeros))
+        numbers = held(_other_numbers(code.controller, code.defaults, zeros, first, size))
         y, r, repeats, lasting = _script(code.controller, numbers, first, size)
         state = (
             None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
@@ -300,8 +303,11 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
                 yield memory
 
 
-def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> np.ndarray:
-    """The numbers of the step, moved; limits of inputs, the box and rates are narrower."""
+def _other_numbers(
+    controller: Controller, numbers: np.ndarray, zeros: bool, first: np.ndarray, size: float
+) -> np.ndarray:
+    """The numbers of the step, moved; limits of inputs, the box and rates are narrower, those of measurements so wide
+    that what swings is within them."""
     moved, places = np.array(numbers, dtype=float), controller.data.places
     for name in MOVED_PARTS:
         if name in places:
@@ -321,6 +327,10 @@ def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> 
     for name in NARROWED_PARTS:
         if name in places:
             moved[places[name]] *= NARROWER  # infinite ones stay
+    if "measurement_rate" in places:
+        moved[places["measurement_lower"]] = first - BELIEVED * size
+        moved[places["measurement_upper"]] = first + BELIEVED * size
+        moved[places["measurement_rate"]] = BELIEVED * size / controller.period
     if "rcond_limit" in places:
         moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
@@ -361,7 +371,7 @@ def _script(
     command = np.array(c.operating_reference, dtype=float)
     positions = np.array(["position" in name for name in c.measured], dtype=float)
     places = [c.states.index(name) for name in c.tracked] if c.mode.moving else list(range(command.size))
-    judged = c.mode.checks_measurements or getattr(c.estimator, "gate", None) is not None
+    judged = getattr(c.estimator, "gate", None) is not None
     swing, noise = (0.0, QUIET) if judged else (size * AWAY, size * NOISE)
     y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0, 0)
 
@@ -379,6 +389,11 @@ def _script(
     for k in range(len(first) if c.gaps and len(first) > 1 else 0):
         act(0.0, 0.0, 1, 2)
         y[-1][k] = np.nan  # one sensor gave nothing
+    for k in range(len(first) if c.mode.checks_measurements else 0):
+        for beyond in (1.1, -1.1, 0.9, -0.9):  # out of its range; and within it, from the other side too fast
+            act(0.0, 0.0, 1, 1)
+            y[-1][k] = first[k] + beyond * BELIEVED * size
+        act(0.0, 0.0, 1, 2)
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))
         lasting = math.ceil(2.0 * watch.saturation_time / c.period / ROWS)

@@ -168,7 +168,8 @@ def record(
     any code would answer that. The commands swing about the operating point within the limits of the states, a moving
     reference along its equilibria; without an estimator there is no plant, and the states swing too. In the last
     quarter the measured positions leave the loop and come back, as far as an input needs to come to its limit where it
-    follows in proportion; not where an input has no limit, or something judges measurements.
+    follows in proportion and limits of measurements let it; not where an input has no limit, or a gate judges
+    measurements.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
@@ -227,10 +228,10 @@ def history_of(controller: Controller) -> StateHistory:
 
 def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:
     """Measurements (K, p) of a run in which the positions are moved away and back from this sample on, as far as inputs
-    need to reach a limit if they follow in proportion; None where nothing is moved: measurements are judged, none is a
-    position, or an input has no limit."""
+    need to reach a limit if they follow in proportion, and half as far and fast as limits of measurements let them;
+    None where nothing is moved: a gate judges them, none is a position, or an input has no limit."""
     estimator, (lower, upper) = controller.estimator, (controller.limits.lower, controller.limits.upper)
-    judged = controller.mode.checks_measurements or getattr(estimator, "gate", None) is not None
+    judged = getattr(estimator, "gate", None) is not None
     moved = [estimator is not None and "position" in name for name in controller.measured]
     if judged or not any(moved) or not np.isfinite([lower, upper]).all():
         return None
@@ -240,10 +241,21 @@ def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | N
     def by(distance: float) -> np.ndarray:
         return run.y + distance * shape * moved
 
-    answered = replay(controller, by(SWING), run.r[:, : len(controller.commanded)], run.kinds).u - run.u
+    tried = min(SWING, _farthest(controller, run, last))
+    answered = replay(controller, by(tried), run.r[:, : len(controller.commanded)], run.kinds).u - run.u
     room = np.where(answered > 0.0, upper - run.u, run.u - lower)
     needed = (room / np.maximum(np.abs(answered), 1e-12))[first:].min()
-    return by(SWING * float(np.clip(BEYOND * needed, 1.0, FARTHEST / SWING)))
+    return by(min(tried * max(1.0, BEYOND * needed), FARTHEST, _farthest(controller, run, last)))
+
+
+def _farthest(controller: Controller, run: Recording, last: int) -> float:
+    """Half of what limits of measurements let positions move by within so many samples, away and back."""
+    if controller.measurement_limits is None:
+        return np.inf
+    _, upper, rate = controller.measurement_limits
+    moved = np.array(["position" in name for name in controller.measured])
+    fast, room = rate * controller.period * last / np.pi, upper - np.nanmax(run.y, axis=0)
+    return float(0.5 * np.minimum(fast, np.maximum(room, 0.0))[moved].min())
 
 
 def _room(controller: Controller, count: int) -> np.ndarray:
@@ -305,11 +317,15 @@ def feed(
     repeats: Sequence[int] = (),
     memories: Mapping[int, np.ndarray] = NONE,
 ) -> Recording:
-    """As `replay`, to this controller itself, with other memories before some rows, which may end in no finite number.
-    """
+    """As `replay`, to this controller itself, with other memories before some rows, which may end in no finite number."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, remembered = list[np.ndarray](), list[np.ndarray](), list[str](), list[np.ndarray]()
+    inputs, estimates, codes, remembered = (
+        list[np.ndarray](),
+        list[np.ndarray](),
+        list[str](),
+        list[np.ndarray](),
+    )
     said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
         code = kind
@@ -320,7 +336,11 @@ def feed(
             code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
         try:
             for _ in range(repeats[k]):
+                before = fresh.rejected
                 held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+            if fresh.mode.checks_measurements and code == MEASURED:
+                believed = np.isfinite(y[k]) & (fresh.rejected == before)
+                code = MEASURED if believed.any() else MISSING
         except NumericalFailure:
             if code != NOT_FINITE:
                 if k not in memories:

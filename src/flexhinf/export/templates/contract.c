@@ -2,6 +2,7 @@
  * looked for. Made by flexhinf @{version}. Exit code 0 if all of it holds. */
 #include "@{name}.h"
 
+#include <fenv.h>
 #include <math.h>
 #include <stdio.h>
 
@@ -121,6 +122,50 @@ static void starts(void)
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
     begun();
     expect(step() == @{NAME}_OK, "OK after a start");
+}
+
+/* Whether this program rounds to nearest, in its own type. */
+static int to_nearest(void)
+{
+    volatile @{name}_real one = 1, small = @{number(eps)} / 4;
+    const @{name}_real above = one + small, below = one - small, minus = -one - small;
+    return above <= 1 && below >= 1 && minus >= -1;
+}
+
+/* What a processor may be set to is found: other roundings, and on a PC the smallest numbers as 0. Where a way of
+ * rounding changes nothing here, as of a type that is computed in software, nothing is to be found. */
+static void arithmetic(void)
+{
+    static const int ways[] = {
+#ifdef FE_UPWARD
+        FE_UPWARD,
+#endif
+#ifdef FE_DOWNWARD
+        FE_DOWNWARD,
+#endif
+#ifdef FE_TOWARDZERO
+        FE_TOWARDZERO,
+#endif
+        -1};
+    const int usual = fegetround();
+    for (int k = 0; ways[k] != -1; ++k) {
+        const int set = (fesetround(ways[k]) == 0) ? 1 : 0;
+        const int other = (set != 0 && to_nearest() == 0) ? 1 : 0;
+        const int code = @{name}_init(&state);
+        (void)fesetround(usual);
+        expect(code == ((other != 0) ? @{NAME}_BAD_ARITHMETIC : @{NAME}_OK), "another rounding is found");
+    }
+#if defined(__GNUC__) && defined(__SSE2__)
+    {
+        const unsigned before = __builtin_ia32_stmxcsr();
+        int code;
+        __builtin_ia32_ldmxcsr(before | 0x8000u);
+        code = @{name}_init(&state);
+        __builtin_ia32_ldmxcsr(before);
+        expect(code == @{NAME}_BAD_ARITHMETIC, "smallest numbers that become 0 are found");
+    }
+#endif
+    expect(@{name}_init(&state) == @{NAME}_OK, "init returns OK again");
 }
 
 /* A start that is finite and bad: the memory goes back to it once, and then to that of the design. */
@@ -397,29 +442,41 @@ static void other_numbers(void)
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
 }
 
-/* Some time after the start the memory goes back to an earlier one, and not to the start. */
+/* Some time after the start the memory goes back to an earlier one, and not to the start{% if brakes %}; a brake under way goes on{% endif %}. */
 static void goes_back(void)
 {
     static @{name}_real before[@{NAME}_MEMORY];
-    int same = 1;
-    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
-    give();
-    for (int k = 0; k < 3 * @{spacing}; ++k) {
-        input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (k % 7));
-        (void)step();
-    }
-    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
-        before[i] = state.older[i];
-        state.memory[i] = (@{name}_real)NAN;
-    }
-    if (PREDICTS) {
-        expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK later");
-        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
-            same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
-        }
-        expect(same, "the memory of an earlier sample");
+{% if brakes %}
+    static const int brakes[@{brakes | length}] = {@{brakes | join(", ")}};
+    static const @{name}_real parts[3] = {0.25@{F}, 0.0@{F}, 1.5@{F}}; /* the last one is none */
+{% endif %}
+    for (int k = 0; k < @{3 if brakes else 1}; ++k) {
+        int same = 1;
+        expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
         give();
-        expect(step() == @{NAME}_OK, "OK from an earlier memory");
+        for (int j = 0; j < 3 * @{spacing}; ++j) {
+            input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (j % 7));
+            (void)step();
+        }
+        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+            before[i] = state.older[i];
+            state.memory[i] = (@{name}_real)NAN;
+        }
+{% if brakes %}
+        for (int i = 0; i < @{brakes | length}; ++i) {
+            state.memory[brakes[i]] = parts[k];
+            before[brakes[i]] = (k < 2) ? parts[k] : before[brakes[i]];
+        }
+{% endif %}
+        if (PREDICTS) {
+            expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK later");
+            for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+                same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
+            }
+            expect(same, "the memory of an earlier sample");
+            give();
+            expect(step() == @{NAME}_OK, "OK from an earlier memory");
+        }
     }
 }
 
@@ -532,7 +589,7 @@ static void checks(void)
 
 {% if rests %}
 #ifndef @{NAME}_WITHOUT_REST
-/* Rest at two poses{% if slower %}, and a motion that is slowed{% endif %}, as computed elsewhere. */
+/* Rest at poses{% if slower %}, and a motion that is slowed{% endif %}, as computed elsewhere. */
 static void rests(void)
 {
     static const @{name}_real poses[@{rests | length}][@{rests[0][0] | length}] = {
@@ -670,6 +727,7 @@ int main(void)
     param = @{name}_defaults;
     give();
     starts();
+    arithmetic();
     bad_start();
     samples();
     overwritten((@{name}_real)NAN);
