@@ -317,7 +317,7 @@ def feed(
     repeats: Sequence[int] = (),
     memories: Mapping[int, np.ndarray] = NONE,
 ) -> Recording:
-    """As `replay`, to this controller itself, with other memories before some rows, which may end in no finite number."""
+    """As `replay`, to this controller itself, with other memories before some rows, which may end in nothing finite."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
     inputs, estimates, codes, remembered = (

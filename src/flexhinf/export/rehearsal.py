@@ -39,13 +39,15 @@ def far_values(code: ControllerCode) -> dict[str, object] | None:
 
 def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
-    stop = code.controller.memory.places.get("stop")
+    kept = code.controller.memory.places
+    stop = kept.get("stop")
     return {
         "far": far_values(code),
         "flips": flips(code, run) if code.real.bytes == 8 else [],
         "most_flips": MOST_FLIPS,
         "largest": Markup(LARGEST[code.real.name]),
         "eps": float(np.finfo(code.real.kind).eps),
+        "commanded": kept["reference"],
         "brakes": [] if stop is None else [stop.start + 1, stop.start + 2],
         "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
         "starts": starts_elsewhere(code),

@@ -102,7 +102,27 @@ static void starts(void)
     }
     expect(step() == @{NAME}_OK && output.unseen[0] == 0, "OK after a measurement");
     state.mark ^= 1u; /* as by an overwritten memory */
+    output.status = -1; /* what stands there is none of the next step */
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        output.unseen[i] = -1;
+{% if code.rejected is not none %}
+        output.rejected[i] = -1;
+{% endif %}
+    }
+{% if code.doubt is not none %}
+    output.doubtful = -1;
+{% endif %}
     expect(step() == @{NAME}_NOT_INITIALISED, "NOT_INITIALISED after its mark was overwritten");
+    expect(output.status == 0 && output.path_rate <= 0, "no status and no path without a start");
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        expect(output.unseen[i] == 32767, "measurements that nobody looks at");
+{% if code.rejected is not none %}
+        expect(output.rejected[i] == 0, "nothing rejected without a start");
+{% endif %}
+    }
+{% if code.doubt is not none %}
+    expect(output.doubtful == 0, "nothing doubted without a start");
+{% endif %}
     for (int k = 0; k < 2; ++k) {
         @{name}_real estimate[@{NAME}_STATES] = {0}, acting[@{NAME}_INPUTS] = {0};
         const int bad = (k == 1 || STARTS_ANYWHERE) ? @{NAME}_BAD_START : @{NAME}_OK; /* else no estimate is read */
@@ -461,6 +481,9 @@ static void goes_back(void)
         for (int i = 0; i < @{NAME}_MEMORY; ++i) {
             before[i] = state.older[i];
             state.memory[i] = (@{name}_real)NAN;
+        }
+        for (int i = @{commanded.start}; i < @{commanded.stop}; ++i) {
+            state.memory[i] = before[i] + (@{name}_real)0.25; /* a command that does not hold: it is not the start */
         }
 {% if brakes %}
         for (int i = 0; i < @{brakes | length}; ++i) {
