@@ -77,6 +77,9 @@ NEAR = 0.45
 #: How far from what is measured at rest a measurement is plausible, and how far from the last one, rad or m.
 BELIEVED = 4.0 * AWAY
 
+#: How far each number of a command is from that of rest, where it is a motion: no motion is zero, and no two are equal.
+ASTRAY = 1e-3
+
 #: What measurements swing by at every row, and where something judges them.
 NOISE, QUIET = 2e-4, 1e-6
 
@@ -330,7 +333,9 @@ def _other_numbers(
     if "measurement_rate" in places:
         moved[places["measurement_lower"]] = first - BELIEVED * size
         moved[places["measurement_upper"]] = first + BELIEVED * size
-        moved[places["measurement_rate"]] = BELIEVED * size / controller.period
+        moved[places["measurement_rate"]] = (
+            (1.0 + 0.25 * (np.arange(len(first)) % 2)) * BELIEVED * size / controller.period
+        )
     if "rcond_limit" in places:
         moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
@@ -380,6 +385,7 @@ def _script(
             side = -away if rings and k % 2 else away
             y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))
             row = command.copy()
+            row += ASTRAY * size * np.cos(1.0 + np.arange(row.size)) * c.mode.moving
             row[places] += commanded
             r.append(row)
             repeats.append(times)
@@ -390,9 +396,11 @@ def _script(
         act(0.0, 0.0, 1, 2)
         y[-1][k] = np.nan  # one sensor gave nothing
     for k in range(len(first) if c.mode.checks_measurements else 0):
-        for beyond in (1.1, -1.1, 0.9, -0.9):  # out of its range; and within it, from the other side too fast
-            act(0.0, 0.0, 1, 1)
-            y[-1][k] = first[k] + beyond * BELIEVED * size
+        for beyond in (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55):
+            act(
+                0.0, 0.0, 1, 1
+            )  # out of its range; and within it, from the other side too fast, then for some sensors
+            y[-1][k] += beyond * BELIEVED * size
         act(0.0, 0.0, 1, 2)
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))

@@ -49,7 +49,7 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
         "eps": float(np.finfo(code.real.kind).eps),
         "commanded": kept["reference"],
         "brakes": [] if stop is None else [stop.start + 1, stop.start + 2],
-        "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
+        "tight": 1e-12 if code.real.bytes == 8 else 2e-3,
         "starts": starts_elsewhere(code),
         "tries": tries(code),
         "rests": rests(code),
@@ -153,7 +153,7 @@ def verdict(row: Range | None, numbers: np.ndarray, value: float, design: float)
 
 
 #: Where joints rest, as shares of a radian, one pose after the other; then all of them are far away.
-POSES = (0.3, -0.5)
+POSES = (0.3, -0.5, 0.78)
 
 
 def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:

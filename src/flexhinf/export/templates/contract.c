@@ -102,6 +102,10 @@ static void starts(void)
     }
     expect(step() == @{NAME}_OK && output.unseen[0] == 0, "OK after a measurement");
     state.mark ^= 1u; /* as by an overwritten memory */
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        output.estimate[i] = 1;
+    }
+    output.path_rate = 1;
     output.status = -1; /* what stands there is none of the next step */
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         output.unseen[i] = -1;
@@ -114,6 +118,9 @@ static void starts(void)
 {% endif %}
     expect(step() == @{NAME}_NOT_INITIALISED, "NOT_INITIALISED after its mark was overwritten");
     expect(output.status == 0 && output.path_rate <= 0, "no status and no path without a start");
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        expect(output.estimate[i] >= 0 && output.estimate[i] <= 0, "no estimate without a start");
+    }
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         expect(output.unseen[i] == 32767, "measurements that nobody looks at");
 {% if code.rejected is not none %}
@@ -462,7 +469,8 @@ static void other_numbers(void)
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
 }
 
-/* Some time after the start the memory goes back to an earlier one, and not to the start{% if brakes %}; a brake under way goes on{% endif %}. */
+/* Some time after the start the memory goes back to an earlier one, and soon after it to the start, with the command of
+ * before{% if brakes %}; a brake under way goes on{% endif %}. */
 static void goes_back(void)
 {
     static @{name}_real before[@{NAME}_MEMORY];
@@ -470,11 +478,12 @@ static void goes_back(void)
     static const int brakes[@{brakes | length}] = {@{brakes | join(", ")}};
     static const @{name}_real parts[3] = {0.25@{F}, 0.0@{F}, 1.5@{F}}; /* the last one is none */
 {% endif %}
-    for (int k = 0; k < @{3 if brakes else 1}; ++k) {
+    for (int k = 0; k < 3; ++k) {
+        const int soon = (k == 1) ? 1 : 0;
         int same = 1;
         expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
         give();
-        for (int j = 0; j < 3 * @{spacing}; ++j) {
+        for (int j = 0; j < ((soon != 0) ? 2 : 3 * @{spacing}); ++j) {
             input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (j % 7));
             (void)step();
         }
@@ -483,7 +492,8 @@ static void goes_back(void)
             state.memory[i] = (@{name}_real)NAN;
         }
         for (int i = @{commanded.start}; i < @{commanded.stop}; ++i) {
-            state.memory[i] = before[i] + (@{name}_real)0.25; /* a command that does not hold: it is not the start */
+            state.memory[i] = before[i] + (@{name}_real)0.25;
+            before[i] = (soon != 0) ? state.memory[i] : before[i];
         }
 {% if brakes %}
         for (int i = 0; i < @{brakes | length}; ++i) {
