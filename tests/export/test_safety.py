@@ -47,7 +47,7 @@ def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
     """The oracle of the hash is FNV-1a of eight bytes at a time by its definition, of one number."""
     code = code_of(watched(), "arm", "double")
     run = provoked(code, record(code.controller))
-    assert {"PREDICTED", "BAD_RESULT"} <= {*run.codes[run.begun :]}  # a memory that cannot be, too
+    assert {*run.codes[run.begun :]} == {"OK", "PREDICTED"}
     assert run.provocation is not None
     assert run.provocation.quiet is not None
     assert run.begun + run.provocation.quiet < len(run.y)
