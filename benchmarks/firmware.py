@@ -3,7 +3,10 @@
     python -m benchmarks.firmware               measures every row, and keeps them in benchmarks/firmware.json
     python -m benchmarks.firmware --only 7w     measures the rows of one design, and keeps them in the place of the old
     python -m benchmarks.firmware --only peers  likewise those of `benchmarks.firmware_peers`, beside the exported C
-    python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers the other one
+    python -m benchmarks.firmware --only tests  likewise those of `benchmarks.firmware_tests`: what the shipped tests
+                                                notice of changed C, and what they reach; only so, as it takes long
+    python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers or tests the
+                                                other ones
 
 Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F and Cortex-M7 that QEMU emulates
 (``make cortex-m4`` of an exported folder, with the flags and the board of either). Cycles are counted too: QEMU tells
@@ -30,7 +33,7 @@ from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
-from benchmarks import firmware_peers
+from benchmarks import firmware_peers, firmware_tests
 from benchmarks.firmware_peers import PROGRAMS, Peer, kilobytes
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c
@@ -513,15 +516,24 @@ def key(row: Mapping[str, Any]) -> tuple[int | str, str, str, str]:
 
 def main() -> int:
     """Measure and keep, or print a table."""
-    tables = {"exported": table, "peers": firmware_peers.table}
+    tables = {
+        "exported": lambda: table(kept_rows()),
+        "peers": lambda: firmware_peers.table(kept_rows()),
+        "tests": lambda: firmware_tests.table(firmware_tests.kept_rows()),
+    }
     parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=__doc__)
     parser.add_argument(
         "--table", nargs="?", const="exported", choices=tables, help="print rows that are kept"
     )
     parser.add_argument(
-        "--only", choices=[*map(str, DESIGNS), "peers"], help="the rows of one design, or of peers"
+        "--only",
+        choices=[*map(str, DESIGNS), "peers", "tests"],
+        help="the rows of one design, of peers or of tests",
     )
     wanted = parser.parse_args()
+    if wanted.only == "tests":
+        firmware_tests.keep(controller)
+        wanted.table = "tests"
     if wanted.table is None:
         known = {key(row): row for row in kept_rows()}
         for row in ROWS:  # kept one by one
@@ -530,7 +542,7 @@ def main() -> int:
                 print(json.dumps(known[row]), flush=True)
                 rows = [known[row] for row in ROWS if row in known]
                 KEPT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    print(tables[wanted.table or "exported"](kept_rows()))
+    print(tables[wanted.table or "exported"]())
     return 0
 
 

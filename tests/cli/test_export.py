@@ -483,20 +483,21 @@ def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.ci("exports two links twice")
-def test_measurements_are_checked_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With the robot's limits; a robot that states none is refused."""
+def test_measurements_are_checked_by_default(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With the robot's limits; where nothing states any, a note says so."""
     arm = fh.load_robot("planar-two-link")
     one = arm_controller(arm, fh.ExtendedKalmanFilter, pose=arm.home, q=1e-6, r=1e-8, limit=100.0)
     one.save(folder / "one")
     text = '[design]\nrobot = "planar-two-link"\n'
     report.write(folder / "arm", {"design.toml": text, "controller": (folder / "one").read_bytes()})
-    for words in ([], ["--check-measurements"]):
+    for words in ([], ["--no-check-measurements"]):
         out = f"c{len(words)}"
         assert main(["export", "c", "arm", "--out", out, "--name", "arm", *words]) == 0
         header = (folder / out / "arm.h").read_text()
-        assert ("ARM_P_MEASUREMENT_RATE" in header) is bool(words)
-        assert ("--check-measurements" in header) is bool(words)
-        assert ("int rejected[" in header) is bool(words)
-    capsys.readouterr()
-    assert main(["export", "c", "one", "--out", "other", "--check-measurements"]) == 2
-    assert unnamed(capsys.readouterr().err, "robot", "speed_limit", "--check-measurements") == []
+        assert ("ARM_P_MEASUREMENT_RATE" in header) is not bool(words)
+        assert ("--no-check-measurements" in header) is bool(words)
+        assert ("int rejected[" in header) is not bool(words)
+    assert "speed_limit" not in capsys.readouterr().err
+    assert main(["export", "c", "one", "--out", "other", "--name", "arm"]) == 0
+    assert unnamed(capsys.readouterr().err, "robot", "speed_limit", "measurement_limits") == []
+    assert "int rejected[" not in (folder / "other" / "arm.h").read_text()

@@ -173,13 +173,14 @@ def test_those_of_a_robot() -> None:
     rows = dict(zip(made.measured, np.transpose(made.measurement_limits).tolist(), strict=True))
     noise = 6e-4
     low, high, rate = rows["link_position_quill"]
-    assert (low, high) == pytest.approx((-noise, 0.18 + noise))
-    assert rate == pytest.approx(1.0 + math.sqrt(2.0) * noise / 1e-3)
+    assert (low, high) == pytest.approx((-0.018 - noise, 0.198 + noise))  # a tenth of the range more
+    assert rate == pytest.approx(2.0 + math.sqrt(2.0) * noise / 1e-3)  # twice the speed
     twist = 2.0 * 100.0 / arm["stiffness_elbow"].interval[0] + noise  # at the controller's limit, N·m
     assert rows["motor_position_elbow"] == pytest.approx(
-        [-2.5 - twist, 2.5 + twist, 6.0 + math.sqrt(2.0) * 0.6]
+        [-3.0 - twist, 3.0 + twist, 12.0 + math.sqrt(2.0) * 0.6]
     )
-    assert rows["motor_velocity_wrist"] == pytest.approx([-10.0 - noise, 10.0 + noise, math.inf])
+    assert rows["motor_velocity_wrist"] == pytest.approx([-20.0 - noise, 20.0 + noise, math.inf])
+    assert with_measurement_limits(made, None) is made  # it has limits of its own
 
 
 SENSORS = ("link_position", "motor_position", "link_velocity", "motor_velocity", "joint_torque")
@@ -224,7 +225,7 @@ def test_what_cannot_be_checked_is_refused() -> None:
     for wrong in (1.0, (1.0, 2.0), ((1.0, 1.0), (0.5, 1.0), 1.0), (-1.0, 1.0, -1.0), ([1.0] * 3, 2.0, 1.0)):
         with refused_with(InvalidInput, "measurement_limits"):
             made(wrong)
-    with refused_with(InvalidInput, "speed_limit", "'paper'", "--check-measurements"):
+    with refused_with(InvalidInput, "speed_limit", "'paper'", "measurement_limits"):
         with_measurement_limits(made(None).fresh(saturation=None), arm)
     with refused_with(InvalidInput, "no robot"):
         with_measurement_limits(made(None), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -46,6 +47,10 @@ def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
     """The oracle of the hash is FNV-1a of eight bytes at a time by its definition, of one number."""
     code = code_of(watched(), "arm", "double")
     run = provoked(code, record(code.controller))
+    assert {*run.codes[run.begun :]} == {"OK", "PREDICTED"}
+    assert run.provocation is not None
+    assert run.provocation.quiet is not None
+    assert run.begun + run.provocation.quiet < len(run.y)
     ever = np.bitwise_or.reduce(run.status)
     assert ever & int(code.able) == int(code.able)
     assert run.path_rate[0] == 1.0
@@ -93,7 +98,7 @@ def test_changes_of_the_source_are_noticed(folder: Path, compiler: str) -> None:
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     found = re.search(r"arm.c: (\d+) of (\d+) changes noticed", done.stdout)
     assert found is not None, done.stdout + done.stderr
-    assert int(found[1]) >= 0.55 * int(found[2]) > 10
+    assert int(found[1]) >= 0.85 * int(found[2]) > 10
     assert (folder / "mutants.txt").exists()
 
 
@@ -106,3 +111,44 @@ def test_the_programs_reach_the_lines_of_the_source(folder: Path) -> None:
     )
     shares = re.findall(r"^(Lines|Branches) executed:([\d.]+)%", done.stdout, flags=re.MULTILINE)
     assert min(float(share) for _, share in shares) > 98.0
+
+
+@pytest.mark.ci("an export")
+def test_survivors_that_are_no_change_have_a_rule(folder: Path) -> None:
+    """Each of its four; the same change elsewhere is one."""
+    found = importlib.util.spec_from_file_location("mutants", folder / "mutants.py")
+    assert found is not None
+    assert found.loader is not None
+    mutants = importlib.util.module_from_spec(found)
+    found.loader.exec_module(mutants)
+    source = """static int arm_exact(void)
+{
+    wrong += (tiny > 0.0) ? 0 : 1;
+}
+
+static void arm_sum(const real *data)
+{
+    const real v4 = v2 + data[3];
+    const real v5 = (v2 <= data[3]) ? data[3] : v4;
+    const real v6 = v2 + data[3];
+    const real v7 = (m > 0.5) ? v6 : v5;
+    real *const gram = &scratch[27];
+}
+
+static real arm_sin(real x)
+{
+    return (m > 0.5 && m < 2.5) ? -cv : cv;
+}""".splitlines()
+
+    def is_none(number: int, kind: str, old: str, new: str) -> bool:
+        line = source[number - 1]
+        assert old in line
+        return bool(mutants.reason(source, number, kind, line.replace(old, new, 1)))
+
+    assert is_none(3, "step", "+=", "-=")
+    assert is_none(8, "sign", "+", "-")
+    assert not is_none(10, "sign", "+", "-")  # it is chosen elsewhere too
+    assert not is_none(11, "number", "0.5", "0.625")  # nothing says that this is a whole number
+    assert is_none(12, "number", "27", "28")
+    assert is_none(17, "number", "0.5", "0.625")
+    assert not is_none(17, "number", "0.5", "1.5")

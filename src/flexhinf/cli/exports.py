@@ -100,11 +100,14 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     _note_doubts(designed)
     if o.check_measurements:
         speeds = None if robot is None or s is None else joint_limits(robot, s).speed
-        controller = export.with_measurement_limits(controller, robot, speeds)
+        try:
+            controller = export.with_measurement_limits(controller, robot, speeds)
+        except InvalidInput as unknown:
+            note(f"No limit checks the measurements. {unknown.what} To have them checked: {unknown.advice}.")
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
     stated = {
-        "--check-measurements": o.check_measurements,
+        "--no-check-measurements": not o.check_measurements,
         "--no-limits": not o.limits,
         "--accept-estimates": o.accept_estimates,
         "--accept-unmet": o.accept_unmet,
@@ -134,7 +137,7 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
         "--flash": o.flash,
         "--ram": o.ram,
         "--no-limits": not o.limits,
-        "--check-measurements": o.check_measurements,
+        "--no-check-measurements": not o.check_measurements,
     }
     refuse_if(
         any(others.values()),

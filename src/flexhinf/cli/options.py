@@ -308,10 +308,10 @@ class ExportCOptions(MachineOptions):
         "where arm-none-eabi-gcc is installed; without it only constants are, and a note says so.", "32kB")
     ram: Text = option("", TARGET, "Room for the state, such as 8kB. A state that needs more is refused.", "8kB")
     limits: bool = option(True, TARGET, LIMITED)
-    check_measurements: bool = option(False, TARGET,
-        "Take a measurement for missing, and count it, that is beyond what the joint's range, its speed and the "
-        "largest input allow. The speed is its speed_limit in the robot file or the design's --peak-speed; else it "
-        "follows of voltage and back-EMF. Without a limit for each sensor it is refused.")
+    check_measurements: bool = option(True, TARGET,
+        "Whether a measurement counts as missing, and is counted, that is beyond what the joint's range, its speed and "
+        "the largest input allow. The speed is twice its speed_limit in the robot file or the design's --peak-speed; "
+        "else it follows of voltage and back-EMF. Where a sensor has no limit, none is checked, and a note says so.")
     feedforward: bool = option(False, WRITTEN,
         "Export commands along a streamed path instead, without feedback: DESIGN is then a robot, by name or file.")
     path: Text = option("", WRITTEN,

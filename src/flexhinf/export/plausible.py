@@ -1,11 +1,12 @@
 """Which measurements of a robot are plausible: ranges and speeds from its limits, and what follows of them.
 
-A link is within the range of its joint. A motor is further by the twist of the spring at most: the largest torque of
-the drive, applied at once, stretches a spring of stiffness K twice as far as at rest, to 2 τ / K. Links and motors are
-no faster than the stated speed. Where none is stated and a voltage drives the motor, it is no faster than twice the
+A link is within the range of its joint, with room for a tenth of it on either side, so that an arm that swings past an
+end of its range is still seen, and one that stands there can be led back. A motor is further by the twist of the spring
+at most: the largest torque of the drive, applied at once, stretches a spring of stiffness K twice as far as at rest, to
+2 τ / K. Links and motors are no faster than twice the stated speed, as a spring that is let go throws its link twice as
+fast as the motor that held it. Where none is stated and a voltage drives the motor, that is no faster than twice the
 speed V / k_b at which the back-EMF takes the whole voltage, as a weight that the motor can hold drives it on by as much
-again at most; and a spring that is let go throws its link twice as fast as the motor. The torque of a spring is that of
-the twist.
+again at most; and its link twice as fast as that. The torque of a spring is that of the twist.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ if TYPE_CHECKING:
 NOISE = 6.0
 
 #: How much further a torque stretches a spring that is applied at once, how much faster than without a load a motor is
-#: that a weight drives, and how much faster than its motor a link.
+#: that a weight drives, than its motor a link, and than their stated speed both.
 TWICE = 2.0
+
+#: Room beyond the ends of a joint's range, as a share of it.
+ROOM = 0.1
 
 
 class Ranges(NamedTuple):
@@ -63,7 +67,8 @@ def with_measurement_limits(
 ) -> Controller:
     """The same controller, for which a measurement that is not plausible is missing.
 
-    There is room for `NOISE` standard deviations of the estimator's measurement noise.
+    There is room for `NOISE` standard deviations of the estimator's measurement noise. One that has limits of
+    measurements keeps them.
 
     Parameters
     ----------
@@ -74,6 +79,8 @@ def with_measurement_limits(
     range.
     """
     estimator = controller.estimator
+    if controller.measurement_limits is not None:
+        return controller
     if robot is None or estimator is None:
         raise InvalidInput(
             "Nothing says which measurements are plausible.",
@@ -103,9 +110,7 @@ def with_measurement_limits(
 
 
 #: What helps whatever is missing.
-IN_PYTHON = (
-    "in Python Controller(..., measurement_limits=(lower, upper, rate)); or leave out --check-measurements"
-)
+IN_PYTHON = "in Python Controller(..., measurement_limits=(lower, upper, rate))"
 
 
 def _advice(robot: Robot, sensors: Sequence[tuple[str, str]]) -> str:
@@ -136,6 +141,12 @@ def _sensors(measured: Sequence[str], robot: Robot) -> list[tuple[str, str] | No
     return [known.get(name) for name in measured]
 
 
+def _with_room(low: float, high: float) -> tuple[float, float]:
+    """A range with room on either side; as it is where an end is not known."""
+    room = ROOM * (high - low) if np.isfinite(high - low) else 0.0
+    return low - room, high + room
+
+
 def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> dict[str, Ranges]:
     """What is known of each joint by its name."""
     from flexhinf.plant.parameters import Parameters
@@ -150,7 +161,7 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
         np.abs(torque_per_input(robot.drive, values)) * largest,
         largest_drive_torques(values, len(joints)),
     )
-    links = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
+    links = TWICE * np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
     motors = np.array(
         [sum(abs(f) * v for f, v in zip(row, links) if f) for row in robot.layout.matrix.tolist()]
     )
@@ -167,7 +178,7 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
     found: dict[str, Ranges] = {}
     columns = (links.tolist(), motors.tolist(), torques.tolist())
     ranges = [
-        plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf))
+        _with_room(*plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf)))
         for joint in joints
     ]
     for joint, (low, high), row, speed, motor_speed, torque in zip(

@@ -8,7 +8,7 @@ arm that rings, commands leave the workspace, or rest far from where the robot i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import Provocation, Recording, history_of
+from flexhinf.export.recording import FAILED, Provocation, Recording, history_of
 from flexhinf.loop import Controller
 
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
@@ -44,8 +44,9 @@ MOVED_PARTS = (
 
 NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
 
-#: What a design may leave unwatched, by an infinite number, and the number in its place, rad or m.
-UNWATCHED_PARTS, WATCHED_FROM = ("swings_smallest", "following"), 0.02
+#: What a design may leave unwatched, by an infinite number, and the numbers in its place: the largest following error
+#: and the smallest swing, rad or m, and how many swings are a limit cycle.
+WATCHED_FROM, SWINGS_FROM, SWINGS_MOST = 0.02, 0.005, 5.0
 
 #: Integrals that push an input beyond any wind-up, in their unit.
 WOUND_UP = 1e4
@@ -54,20 +55,30 @@ WOUND_UP = 1e4
 #: own; of one that is larger still none.
 MOST_CHANGED, MOST_PLACES, LARGEST = 64, 40, 400
 
+#: Parts of the step's numbers that are variances, without which pivots of more covariances are zero.
+NOISE_PARTS = ("process_noise", "measurement_noise")
+
 #: Parts of a memory that count.
 COUNTS = ("doubt", "rejected", "seen")
 
 #: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
 TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
 
-#: Pivots of a covariance, relative to its diagonal: below rounding, which counts as zero, and just above it.
-PIVOTS, MOST_PIVOTS = (-6e-14, 3e-14, 5e-14), 4
+#: Pivots of a covariance, relative to its diagonal: negative beyond rounding, which is refused; within rounding, which
+#: counts as zero; and just above it. How many of its pivots are tried.
+PIVOTS, MOST_PIVOTS = (-1e-12, -6e-14, 3e-14, 5e-14), 4
 
 #: How far the start is from where the estimator begins, in the unit of each state, and commands from measurements.
 ELSEWHERE, AWAY = 0.02, 0.2
 
 #: How near to the largest following error a robot stays that keeps an input at its limit: half on either side.
 NEAR = 0.45
+
+#: How far from what is measured at rest a measurement is plausible, and how far from the last one, rad or m.
+BELIEVED = 4.0 * AWAY
+
+#: How far each number of a command is from that of rest, where it is a motion: no motion is zero, and no two are equal.
+ASTRAY = 1e-3
 
 #: What measurements swing by at every row, and where something judges them.
 NOISE, QUIET = 2e-4, 1e-6
@@ -78,7 +89,7 @@ KICK, AT_END = 1e-3, 0.8
 #: Memories that are tried, the rows that each is followed by, and the seed of their numbers.
 KINDS, EACH, SEED = 6, 4, 1
 
-#: Numbers of a memory from which on only the first kinds are tried.
+#: Numbers of a memory from which on only the first kinds are tried, and no singular covariances.
 LARGE = 200
 
 #: Rows of each act, and the samples of a swing to and fro: short enough to be one, long enough for the law to answer.
@@ -105,7 +116,7 @@ def provocations(code: ControllerCode, first: np.ndarray) -> Iterator[Provocatio
             return np.asarray(array).astype(code.real.kind).astype(float)
 
     for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
-        numbers = held(_other_numbers(code.controller, code.defaults, zeros))
+        numbers = held(_other_numbers(code.controller, code.defaults, zeros, first, size))
         y, r, repeats, lasting = _script(code.controller, numbers, first, size)
         state = (
             None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
@@ -123,42 +134,80 @@ def provocations(code: ControllerCode, first: np.ndarray) -> Iterator[Provocatio
 def _with_memories(
     one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray], exact: bool
 ) -> Provocation:
-    """With rows in which the controller goes on from other memories, of those that end in finite numbers; `exact`:
-    whether rounding of the C is that of Python."""
-
-    def begun() -> Controller:
-        """A controller that has had all rows so far."""
-        fresh = one.begun(controller)
-        one.feed_to(fresh)
-        return fresh
-
-    going = begun()
-    met = history_of(going).memory.copy()
+    """With rows in which the controller goes on from other memories; `exact`: whether rounding of the C is that of
+    Python. Then some may end in no finite number, and the last ones are without noise."""
     other = [(memory, EACH) for memory in _memories(controller)]
-    if exact:
-        other += [(memory, 2) for memory in _singular_memories(controller)]
-        other += [(memory, 1) for memory in _changed_memories(controller, met)]
+    if not exact:
+        return _tried(one, controller, held, other, False)
+    with suppress(NumericalFailure):
+        met = one.begun(controller)
+        one.feed_to(met)
+        other += [(memory, 1) for memory in _singular_memories(controller)]
+        other += [(memory, 1) for memory in _changed_memories(controller, history_of(met).memory.copy())]
+    one = _tried(one, controller, held, other, True)
+    noise = [place for name, part in controller.data.places.items() if name in NOISE_PARTS
+             for place in range(part.start, part.stop) if one.numbers[place] != 0.0]  # fmt: skip
+    if not noise:
+        return one
+    quiet = replace(one, quiet=len(one.y), noise=tuple(noise))
+    still = _tried(quiet, controller, held, [(memory, 2) for memory in _memories(controller)], True)
+    return still if len(still.y) > len(one.y) else one
+
+
+def _tried(
+    one: Provocation,
+    controller: Controller,
+    held: Callable[[np.ndarray], np.ndarray],
+    other: Sequence[tuple[np.ndarray, int]],
+    exact: bool,
+) -> Provocation:
+    """With those memories behind that end alike with both roundings, each for so many rows. One of a single row is
+    given with a measurement and without."""
     places = controller.data.places
     ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
+
+    def begun() -> list[Controller]:
+        """Controllers that have had all rows so far, one of each rounding."""
+        both = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
+        for each in both:
+            one.feed_to(each, 0, one.quiet)
+        if one.quiet is not None:
+            both = [one.quieted(each) for each in both]
+            for each in both if one.quiet < len(one.y) else ():
+                one.feed_to(each, one.quiet)
+        return both
+
+    def longer(memory: np.ndarray, count: int, measured: bool) -> Provocation:
+        memories = {**one.memories, len(one.y): memory}
+        y, r = np.vstack([one.y, one.y[:count]]), np.vstack([one.r, one.r[:count]])
+        without = one.unmeasured if measured else (*one.unmeasured, len(one.y))
+        if controller.gaps and count == EACH:
+            if y.shape[1] > 1:
+                y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
+            without = (*one.unmeasured, len(one.y) + (len(memories) % 2))
+        repeats = [*one.repeats, *[1] * count]
+        return replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
+
+    going = begun()
     for kept, count in other:
-        memory, rows = held(kept), slice(0, count)
+        memory = held(kept)
         last = controller.memory.named(memory).u
         last[...] = np.clip(last, *ends)  # an input that these limits let pass, from which it changes slowly
-        memories = {**one.memories, len(one.y): memory}
-        y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
-        if controller.gaps and y.shape[1] > 1 and count == EACH:
-            y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
-        without = (
-            *one.unmeasured,
-            *((len(one.y) + (len(memories) % 2),) if controller.gaps and count == EACH else ()),
-        )
-        repeats = [*one.repeats, *[1] * count]
-        longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
-        try:
-            longer.feed_to(going, len(one.y))
-            one = longer
-        except NumericalFailure:
-            going = begun()
+        for rows, measured in ((count, True), (1, True), (1, False)):
+            if (rows == 1 and not exact) or (not measured and not controller.gaps):
+                continue
+            more = longer(memory, rows, measured)
+            try:
+                codes = [more.feed_to(each, len(one.y)).codes for each in going]
+                if all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0]):
+                    one = more
+                else:
+                    going = begun()
+            except NumericalFailure:
+                going = begun()
+                continue
+            if rows > 1:
+                break
     return one
 
 
@@ -247,8 +296,9 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
             continue
         n, scale = len(part), np.sqrt(np.diag(part))
         for k in np.unique(np.linspace(1, n - 1, MOST_PIVOTS).astype(int)) if n > 1 else ():
-            for pivot in PIVOTS:
+            for pivot, also in ((pivot, also) for also in (-1, *range(k)) for pivot in PIVOTS):
                 root = scale[:, None] * np.tril(rng.uniform(0.2, 1.0, (n, n)))
+                root[:, also] *= also < 0  # another one that is zero
                 covariance = root @ root.T
                 covariance[k, k] = (root[k, :k] @ root[k, :k]) * (1.0 + pivot)
                 memory = np.array(first)
@@ -256,8 +306,11 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
                 yield memory
 
 
-def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> np.ndarray:
-    """The numbers of the step, moved; limits of inputs, the box and rates are narrower."""
+def _other_numbers(
+    controller: Controller, numbers: np.ndarray, zeros: bool, first: np.ndarray, size: float
+) -> np.ndarray:
+    """The numbers of the step, moved; limits of inputs, the box and rates are narrower, those of measurements so wide
+    that what swings is within them."""
     moved, places = np.array(numbers, dtype=float), controller.data.places
     for name in MOVED_PARTS:
         if name in places:
@@ -266,13 +319,23 @@ def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> 
             moved[places[name]] = np.where(
                 (part == 0.0) & (zeros and name in ("parameters", "law")), OF_ZERO, by
             )
-    for name in UNWATCHED_PARTS:
-        if name in places:
-            part = moved[places[name]]
-            moved[places[name]] = np.where(np.isposinf(part), WATCHED_FROM, part)
+    if "following" in places:
+        part = moved[places["following"]]
+        moved[places["following"]] = np.where(np.isposinf(part), WATCHED_FROM, part)
+    if "swings" in places:
+        edge, smallest, most = moved[places["swings"]].reshape(3, -1)
+        smallest = np.where(np.isposinf(smallest), SWINGS_FROM, smallest)
+        most = np.where(np.isposinf(most), SWINGS_MOST, most) + np.arange(most.size)  # it tells which
+        moved[places["swings"]] = np.concatenate([edge, smallest, most])
     for name in NARROWED_PARTS:
         if name in places:
             moved[places[name]] *= NARROWER  # infinite ones stay
+    if "measurement_rate" in places:
+        moved[places["measurement_lower"]] = first - BELIEVED * size
+        moved[places["measurement_upper"]] = first + BELIEVED * size
+        moved[places["measurement_rate"]] = (
+            (1.0 + 0.25 * (np.arange(len(first)) % 2)) * BELIEVED * size / controller.period
+        )
     if "rcond_limit" in places:
         moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
@@ -313,7 +376,7 @@ def _script(
     command = np.array(c.operating_reference, dtype=float)
     positions = np.array(["position" in name for name in c.measured], dtype=float)
     places = [c.states.index(name) for name in c.tracked] if c.mode.moving else list(range(command.size))
-    judged = c.mode.checks_measurements or getattr(c.estimator, "gate", None) is not None
+    judged = getattr(c.estimator, "gate", None) is not None
     swing, noise = (0.0, QUIET) if judged else (size * AWAY, size * NOISE)
     y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0, 0)
 
@@ -322,6 +385,7 @@ def _script(
             side = -away if rings and k % 2 else away
             y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))
             row = command.copy()
+            row += ASTRAY * size * np.cos(1.0 + np.arange(row.size)) * c.mode.moving
             row[places] += commanded
             r.append(row)
             repeats.append(times)
@@ -331,6 +395,13 @@ def _script(
     for k in range(len(first) if c.gaps and len(first) > 1 else 0):
         act(0.0, 0.0, 1, 2)
         y[-1][k] = np.nan  # one sensor gave nothing
+    for k in range(len(first) if c.mode.checks_measurements else 0):
+        for beyond in (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55):
+            act(
+                0.0, 0.0, 1, 1
+            )  # out of its range; and within it, from the other side too fast, then for some sensors
+            y[-1][k] += beyond * BELIEVED * size
+        act(0.0, 0.0, 1, 2)
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))
         lasting = math.ceil(2.0 * watch.saturation_time / c.period / ROWS)

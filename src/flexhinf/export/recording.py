@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +17,7 @@ from flexhinf.loop.controller.options import equilibrium_line
 from flexhinf.validation import read_only
 
 #: How a sample ends, by the name of the code that a step in C returns for it.
-MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
+MEASURED, MISSING, NOT_FINITE, FAILED = "OK", "PREDICTED", "BAD_MEASUREMENT", "BAD_RESULT"
 
 #: A sample of whose measurement the first element is no number.
 GAP = "gap"
@@ -42,8 +43,9 @@ class Provocation:
     """What is given to a controller: `y` (K, p) and `r` (K, k), each for so many samples as `repeats` says.
 
     `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
-    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some
-    rows, by the number of the row.
+    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some rows, by the number
+    of the row; such a row may end in no finite number. `quiet`: From which row on the numbers at the places `noise` are
+    zero; None: never.
     """
 
     y: np.ndarray
@@ -54,6 +56,8 @@ class Provocation:
     input: np.ndarray | None
     memories: dict[int, np.ndarray]
     unmeasured: tuple[int, ...] = ()
+    quiet: int | None = None
+    noise: tuple[int, ...] = ()
 
     def begun(self, controller: Controller) -> Controller:
         """A fresh controller with these numbers, started there."""
@@ -62,15 +66,28 @@ class Provocation:
         fresh.reset(self.state, self.input)
         return fresh
 
+    def quieted(self, going: Controller) -> Controller:
+        """One that goes on from what a controller remembers, without noise."""
+        fresh, numbers = going.fresh(), np.array(self.numbers)
+        numbers[list(self.noise)] = 0.0
+        fresh.data_vector = read_only(numbers)
+        vars(history_of(fresh)).update(deepcopy(vars(history_of(going))))
+        return fresh
+
     def answered(self, controller: Controller) -> Recording:
         """What a controller does."""
-        return self.feed_to(self.begun(controller))
+        begun = self.begun(controller)
+        loud = self.feed_to(begun, 0, self.quiet)
+        if self.quiet is None:
+            return loud
+        return loud.behind(self.feed_to(self.quieted(begun), self.quiet))
 
-    def feed_to(self, begun: Controller, first: int = 0) -> Recording:
-        """What a controller does from a row on, that has had the rows before."""
-        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(first, len(self.y))]
+    def feed_to(self, begun: Controller, first: int = 0, end: int | None = None) -> Recording:
+        """What a controller does in rows from the first one to before the end, that has had the rows before."""
+        part = slice(first, len(self.y) if end is None else end)
+        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(part.start, part.stop)]
         memories = {k - first: memory for k, memory in self.memories.items()}
-        return feed(begun, self.y[first:], self.r[first:], kinds, self.repeats[first:], memories)
+        return feed(begun, self.y[part], self.r[part], kinds, self.repeats[part], memories)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +114,7 @@ class Recording:
     rejected: np.ndarray
     doubtful: list[int]
     hashes: list[int]
+    remembered: np.ndarray
     moved: int | None = None
     provocation: Provocation | None = None
 
@@ -150,7 +168,8 @@ def record(
     any code would answer that. The commands swing about the operating point within the limits of the states, a moving
     reference along its equilibria; without an estimator there is no plant, and the states swing too. In the last
     quarter the measured positions leave the loop and come back, as far as an input needs to come to its limit where it
-    follows in proportion; not where an input has no limit, or something judges measurements.
+    follows in proportion and limits of measurements let it; not where an input has no limit, or a gate judges
+    measurements.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
@@ -209,10 +228,10 @@ def history_of(controller: Controller) -> StateHistory:
 
 def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:
     """Measurements (K, p) of a run in which the positions are moved away and back from this sample on, as far as inputs
-    need to reach a limit if they follow in proportion; None where nothing is moved: measurements are judged, none is a
-    position, or an input has no limit."""
+    need to reach a limit if they follow in proportion, and half as far and fast as limits of measurements let them;
+    None where nothing is moved: a gate judges them, none is a position, or an input has no limit."""
     estimator, (lower, upper) = controller.estimator, (controller.limits.lower, controller.limits.upper)
-    judged = controller.mode.checks_measurements or getattr(estimator, "gate", None) is not None
+    judged = getattr(estimator, "gate", None) is not None
     moved = [estimator is not None and "position" in name for name in controller.measured]
     if judged or not any(moved) or not np.isfinite([lower, upper]).all():
         return None
@@ -222,10 +241,21 @@ def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | N
     def by(distance: float) -> np.ndarray:
         return run.y + distance * shape * moved
 
-    answered = replay(controller, by(SWING), run.r[:, : len(controller.commanded)], run.kinds).u - run.u
+    tried = min(SWING, _farthest(controller, run, last))
+    answered = replay(controller, by(tried), run.r[:, : len(controller.commanded)], run.kinds).u - run.u
     room = np.where(answered > 0.0, upper - run.u, run.u - lower)
     needed = (room / np.maximum(np.abs(answered), 1e-12))[first:].min()
-    return by(SWING * float(np.clip(BEYOND * needed, 1.0, FARTHEST / SWING)))
+    return by(min(tried * max(1.0, BEYOND * needed), FARTHEST, _farthest(controller, run, last)))
+
+
+def _farthest(controller: Controller, run: Recording, last: int) -> float:
+    """Half of what limits of measurements let positions move by within so many samples, away and back."""
+    if controller.measurement_limits is None:
+        return np.inf
+    _, upper, rate = controller.measurement_limits
+    moved = np.array(["position" in name for name in controller.measured])
+    fast, room = rate * controller.period * last / np.pi, upper - np.nanmax(run.y, axis=0)
+    return float(0.5 * np.minimum(fast, np.maximum(room, 0.0))[moved].min())
 
 
 def _room(controller: Controller, count: int) -> np.ndarray:
@@ -287,29 +317,40 @@ def feed(
     repeats: Sequence[int] = (),
     memories: Mapping[int, np.ndarray] = NONE,
 ) -> Recording:
-    """As `replay`, to this controller itself, with other memories before some rows."""
+    """As `replay`, to this controller itself, with other memories before some rows, which may end in nothing finite."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, hashes = list[np.ndarray](), list[np.ndarray](), list[str](), list[int]()
+    inputs, estimates, codes, remembered = (
+        list[np.ndarray](),
+        list[np.ndarray](),
+        list[str](),
+        list[np.ndarray](),
+    )
     said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
         code = kind
         if k in memories:
-            history_of(fresh).memory[:] = memories[k]
+            history_of(fresh).memory[:], history_of(fresh).failed = memories[k], False
         if kind == GAP:
             y[k, 0] = np.nan
             code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
         try:
             for _ in range(repeats[k]):
+                before = fresh.rejected
                 held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+            if fresh.mode.checks_measurements and code == MEASURED:
+                believed = np.isfinite(y[k]) & (fresh.rejected == before)
+                code = MEASURED if believed.any() else MISSING
         except NumericalFailure:
             if code != NOT_FINITE:
-                raise
+                if k not in memories:
+                    raise
+                code = FAILED
         codes.append(code)
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
         said.append((int(fresh.status), fresh.path_rate, np.array(fresh.rejected), fresh.doubtful_samples))
-        hashes.append(memory_hash(history_of(fresh).memory))
+        remembered.append(history_of(fresh).memory.copy())
     r = r if r.shape[1] else np.zeros((len(y), 1))
     status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
     return Recording(
@@ -323,5 +364,6 @@ def feed(
         rates,
         np.array(rejected),
         doubtful,
-        hashes,
+        [memory_hash(memory) for memory in remembered],
+        np.array(remembered),
     )

@@ -39,12 +39,17 @@ def far_values(code: ControllerCode) -> dict[str, object] | None:
 
 def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
+    kept = code.controller.memory.places
+    stop = kept.get("stop")
     return {
         "far": far_values(code),
         "flips": flips(code, run) if code.real.bytes == 8 else [],
         "most_flips": MOST_FLIPS,
         "largest": Markup(LARGEST[code.real.name]),
-        "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
+        "eps": float(np.finfo(code.real.kind).eps),
+        "commanded": kept["reference"],
+        "brakes": [] if stop is None else [stop.start + 1, stop.start + 2],
+        "tight": 1e-12 if code.real.bytes == 8 else 2e-3,
         "starts": starts_elsewhere(code),
         "tries": tries(code),
         "rests": rests(code),
@@ -147,8 +152,8 @@ def verdict(row: Range | None, numbers: np.ndarray, value: float, design: float)
     return FINE if row.low <= value <= row.high else BEYOND
 
 
-#: Where joints rest, as shares of a radian (of a tenth of a metre), one pose after the other.
-POSES = (0.3, -0.5)
+#: Where joints rest, as shares of a radian, one pose after the other; then all of them are far away.
+POSES = (0.3, -0.5, 0.78)
 
 
 def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -161,7 +166,8 @@ def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
     for share in POSES:
         q = np.array([share * math.cos(k) for k in range(function.size1_in(0))]).astype(kind).astype(float)
         found.append((q, _called(function, q, _model(code))))
-    return found
+    far = np.full(function.size1_in(0), float(FAR[code.real.name].rstrip("F")))
+    return [*found, (far, _called(function, far, _model(code)))]
 
 
 #: Rates of a path, the last of which changes nothing.

@@ -142,7 +142,7 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         "codes": [code.codes[kind].value for kind in run.codes],
         "repeats": run.repeats,
         "provocation": run.provocation,
-        "replaced": [run.begun + k for k in (run.provocation.memories if run.provocation else ())],
+        **_replaced(run, initial),
         "unseen": _unseen(run),
         "rejected": run.rejected,
         "runs": [
@@ -153,11 +153,14 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
                 "path_rate": one.path_rate,
                 "doubtful": one.doubtful,
                 "hashes": [f"0x{number:016x}u" for number in one.hashes],
+                "sums": one.remembered @ _shares(run),
             }
             for one in runs
         ],
         "exact": exact,
         "hashes": exact and allowed.inputs[0] == 0.0,
+        "sums": exact and allowed.inputs[0] > 0.0,
+        "shares": _shares(run),
         "part_of_row": [
             k for k, part in enumerate(run.parts.values()) for _ in range(part.stop - part.start)
         ],
@@ -169,6 +172,12 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         "begun": run.begun,
     }
 
+
+#: How many memories are looked at for the one that others are changes of.
+BASES = 60
+
+#: A share that no sum of a few comes near to a whole number of.
+GOLDEN = 0.618034
 
 #: Rows on either side of a change of the status in which rounding of float may decide when it comes.
 NEAR_CHANGE = 2
@@ -185,6 +194,33 @@ def sure_bits(run: Recording, said: bool) -> list[int]:
     for k in changes:
         bits[max(0, k + 1 - NEAR_CHANGE) : k + 1 + NEAR_CHANGE] = -1
     return bits.tolist() if said else [-1] * len(bits)
+
+
+def _replaced(run: Recording, initial: np.ndarray) -> dict[str, object]:
+    """Rows before which the memory is replaced, with the one of `bases` and the first of `changes` to it: all that
+    differ, as places and numbers."""
+    provocation = run.provocation
+    memories = {} if provocation is None else provocation.memories
+    every = np.array([initial, *memories.values()])
+    differs = np.array([np.count_nonzero(every != one, axis=1) for one in every[:: 1 + len(every) // BASES]])
+    other = np.minimum(differs[0], differs).sum(axis=1).argmin()  # with which the fewest numbers are stored
+    bases = every[:: 1 + len(every) // BASES][[0, other]]
+    rows, places, numbers = list[tuple[int, int, int]](), list[int](), list[float]()
+    for row, memory in memories.items():
+        base = int(np.argmin([np.count_nonzero(memory != base) for base in bases]))
+        rows.append((run.begun + row, base, len(places)))
+        changed = np.flatnonzero(memory != bases[base])
+        places += changed.tolist()
+        numbers += memory[changed].tolist()
+    return {"replaced": rows, "bases": bases, "changed": [*places, 0], "changed_to": [*numbers, 0.0]}
+
+
+def _shares(run: Recording) -> np.ndarray:
+    """Factors (s,) with which all that is remembered is added up: other ones for each number, over its largest value; 0
+    of what is never finite or always zero."""
+    largest = np.abs(np.where(np.isfinite(run.remembered), run.remembered, 0.0)).max(axis=0)
+    turns = 0.5 + (GOLDEN * np.arange(largest.size)) % 1.0
+    return np.divide(turns, largest, out=np.zeros(largest.size), where=largest > 0.0)
 
 
 def _unseen(run: Recording) -> np.ndarray:

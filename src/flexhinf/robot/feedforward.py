@@ -39,6 +39,9 @@ from flexhinf.validation import checked_array, checked_positive
 #: Degree of the spline; knots of one of its pieces; derivatives, the position included; longest window, samples.
 DEGREE, KNOTS, ORDERS, LONGEST = 5, 6, 5, 2000
 
+#: Weights that are no more than rounding, of the largest of their row.
+ROUNDING = 1e-13
+
 
 class FeedforwardRows(NamedTuple):
     """Commands along a path of N samples, (N, n) each; rad, rad/s and N·m, or m, m/s and N, on the link side."""
@@ -103,6 +106,8 @@ class Feedforward(StatedRepr):
         ages = np.arange(KNOTS * count) / count
         rows = [spline.derivative(order)(ages) if order else spline(ages) for order in range(ORDERS)]
         weights = np.nan_to_num(np.array(rows)) / count
+        sizes = np.abs(weights).max(axis=1, keepdims=True)
+        weights[np.abs(weights) < ROUNDING * sizes] = 0.0  # where a derivative changes its sign
         return weights / self.smoothing ** np.arange(ORDERS)[:, None]
 
     @property

@@ -78,7 +78,8 @@ class Parts:
         used = set(re.findall(r"\w+", text))
         for part in self.parts:
             if (name := self._pointer(part)) in used and not name.isupper():
-                yield f"{real} *const {name} = {algebra.ahead(self.buffer, part.offset * self.lanes)};"
+                at = part.offset * self.lanes
+                yield f"{real} *const {name} = {f'&{self.buffer}[{at}]' if at else self.buffer};"
 
     @staticmethod
     def _pointer(part: Part) -> str:

@@ -2,6 +2,7 @@
  * looked for. Made by flexhinf @{version}. Exit code 0 if all of it holds. */
 #include "@{name}.h"
 
+#include <fenv.h>
 #include <math.h>
 #include <stdio.h>
 
@@ -101,7 +102,34 @@ static void starts(void)
     }
     expect(step() == @{NAME}_OK && output.unseen[0] == 0, "OK after a measurement");
     state.mark ^= 1u; /* as by an overwritten memory */
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        output.estimate[i] = 1;
+    }
+    output.path_rate = 1;
+    output.status = -1; /* what stands there is none of the next step */
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        output.unseen[i] = -1;
+{% if code.rejected is not none %}
+        output.rejected[i] = -1;
+{% endif %}
+    }
+{% if code.doubt is not none %}
+    output.doubtful = -1;
+{% endif %}
     expect(step() == @{NAME}_NOT_INITIALISED, "NOT_INITIALISED after its mark was overwritten");
+    expect(output.status == 0 && output.path_rate <= 0, "no status and no path without a start");
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        expect(output.estimate[i] >= 0 && output.estimate[i] <= 0, "no estimate without a start");
+    }
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        expect(output.unseen[i] == 32767, "measurements that nobody looks at");
+{% if code.rejected is not none %}
+        expect(output.rejected[i] == 0, "nothing rejected without a start");
+{% endif %}
+    }
+{% if code.doubt is not none %}
+    expect(output.doubtful == 0, "nothing doubted without a start");
+{% endif %}
     for (int k = 0; k < 2; ++k) {
         @{name}_real estimate[@{NAME}_STATES] = {0}, acting[@{NAME}_INPUTS] = {0};
         const int bad = (k == 1 || STARTS_ANYWHERE) ? @{NAME}_BAD_START : @{NAME}_OK; /* else no estimate is read */
@@ -121,6 +149,50 @@ static void starts(void)
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
     begun();
     expect(step() == @{NAME}_OK, "OK after a start");
+}
+
+/* Whether this program rounds to nearest, in its own type. */
+static int to_nearest(void)
+{
+    volatile @{name}_real one = 1, small = @{number(eps)} / 4;
+    const @{name}_real above = one + small, below = one - small, minus = -one - small;
+    return above <= 1 && below >= 1 && minus >= -1;
+}
+
+/* What a processor may be set to is found: other roundings, and on a PC the smallest numbers as 0. Where a way of
+ * rounding changes nothing here, as of a type that is computed in software, nothing is to be found. */
+static void arithmetic(void)
+{
+    static const int ways[] = {
+#ifdef FE_UPWARD
+        FE_UPWARD,
+#endif
+#ifdef FE_DOWNWARD
+        FE_DOWNWARD,
+#endif
+#ifdef FE_TOWARDZERO
+        FE_TOWARDZERO,
+#endif
+        -1};
+    const int usual = fegetround();
+    for (int k = 0; ways[k] != -1; ++k) {
+        const int set = (fesetround(ways[k]) == 0) ? 1 : 0;
+        const int other = (set != 0 && to_nearest() == 0) ? 1 : 0;
+        const int code = @{name}_init(&state);
+        (void)fesetround(usual);
+        expect(code == ((other != 0) ? @{NAME}_BAD_ARITHMETIC : @{NAME}_OK), "another rounding is found");
+    }
+#if defined(__GNUC__) && defined(__SSE2__)
+    {
+        const unsigned before = __builtin_ia32_stmxcsr();
+        int code;
+        __builtin_ia32_ldmxcsr(before | 0x8000u);
+        code = @{name}_init(&state);
+        __builtin_ia32_ldmxcsr(before);
+        expect(code == @{NAME}_BAD_ARITHMETIC, "smallest numbers that become 0 are found");
+    }
+#endif
+    expect(@{name}_init(&state) == @{NAME}_OK, "init returns OK again");
 }
 
 /* A start that is finite and bad: the memory goes back to it once, and then to that of the design. */
@@ -397,29 +469,47 @@ static void other_numbers(void)
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
 }
 
-/* Some time after the start the memory goes back to an earlier one, and not to the start. */
+/* Some time after the start the memory goes back to an earlier one, and soon after it to the start, with the command of
+ * before{% if brakes %}; a brake under way goes on{% endif %}. */
 static void goes_back(void)
 {
     static @{name}_real before[@{NAME}_MEMORY];
-    int same = 1;
-    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
-    give();
-    for (int k = 0; k < 3 * @{spacing}; ++k) {
-        input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (k % 7));
-        (void)step();
-    }
-    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
-        before[i] = state.older[i];
-        state.memory[i] = (@{name}_real)NAN;
-    }
-    if (PREDICTS) {
-        expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK later");
-        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
-            same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
-        }
-        expect(same, "the memory of an earlier sample");
+{% if brakes %}
+    static const int brakes[@{brakes | length}] = {@{brakes | join(", ")}};
+    static const @{name}_real parts[3] = {0.25@{F}, 0.0@{F}, 1.5@{F}}; /* the last one is none */
+{% endif %}
+    for (int k = 0; k < 3; ++k) {
+        const int soon = (k == 1) ? 1 : 0;
+        int same = 1;
+        expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
         give();
-        expect(step() == @{NAME}_OK, "OK from an earlier memory");
+        for (int j = 0; j < ((soon != 0) ? 2 : 3 * @{spacing}); ++j) {
+            input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (j % 7));
+            (void)step();
+        }
+        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+            before[i] = state.older[i];
+            state.memory[i] = (@{name}_real)NAN;
+        }
+        for (int i = @{commanded.start}; i < @{commanded.stop}; ++i) {
+            state.memory[i] = before[i] + (@{name}_real)0.25;
+            before[i] = (soon != 0) ? state.memory[i] : before[i];
+        }
+{% if brakes %}
+        for (int i = 0; i < @{brakes | length}; ++i) {
+            state.memory[brakes[i]] = parts[k];
+            before[brakes[i]] = (k < 2) ? parts[k] : before[brakes[i]];
+        }
+{% endif %}
+        if (PREDICTS) {
+            expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK later");
+            for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+                same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
+            }
+            expect(same, "the memory of an earlier sample");
+            give();
+            expect(step() == @{NAME}_OK, "OK from an earlier memory");
+        }
     }
 }
 
@@ -532,7 +622,7 @@ static void checks(void)
 
 {% if rests %}
 #ifndef @{NAME}_WITHOUT_REST
-/* Rest at two poses{% if slower %}, and a motion that is slowed{% endif %}, as computed elsewhere. */
+/* Rest at poses{% if slower %}, and a motion that is slowed{% endif %}, as computed elsewhere. */
 static void rests(void)
 {
     static const @{name}_real poses[@{rests | length}][@{rests[0][0] | length}] = {
@@ -670,6 +760,7 @@ int main(void)
     param = @{name}_defaults;
     give();
     starts();
+    arithmetic();
     bad_start();
     samples();
     overwritten((@{name}_real)NAN);

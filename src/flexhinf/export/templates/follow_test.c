@@ -152,6 +152,7 @@ static void refused(void)
 static void begin(const real *pose)
 {
     expect(@{name}_follow_init(&state, pose) == @{NAME}_OK);
+    expect(same(state.age, state.stop_time) && same(state.stop_time, @{name}_follow_defaults.stop_time));
     for (int j = 0; j < JOINTS; ++j) {
         output.position[j] = pose[j];
         output.velocity[j] = 0;
@@ -194,16 +195,18 @@ static void far_away(void)
 {
     real pose[JOINTS], rest[@{NAME}_COMMANDS];
     @{name}_follow_goal goal = goal_of(0);
-    for (int j = 0; j < JOINTS; ++j) {
-        pose[j] = @{far};
-    }
-    begin(pose);
-    input.speed = 1;
-    input.path_rate = 1;
-    expect(@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output) == @{NAME}_FOLLOW_IDLE);
-    expect(@{name}_rest(&@{name}_defaults, pose, rest) == @{NAME}_OK);
-    for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
-        expect(fabs@{f}(output.r[i] - rest[i]) <= @{number(close)} * (1 + fabs@{f}(rest[i])));
+    for (int k = -12; k <= 13; ++k) { /* every quarter of some turns, and far away */
+        for (int j = 0; j < JOINTS; ++j) {
+            pose[j] = (k == 13) ? @{far} : (real)k * (@{number(0.9)} + (@{number(0.1)} * (real)j));
+        }
+        begin(pose);
+        input.speed = 1;
+        input.path_rate = 1;
+        expect(@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output) == @{NAME}_FOLLOW_IDLE);
+        expect(@{name}_rest(&@{name}_defaults, pose, rest) == @{NAME}_OK);
+        for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
+            expect(fabs@{f}(output.r[i] - rest[i]) <= @{number(close)} * (1 + fabs@{f}(rest[i])));
+        }
     }
     begin(goal.points[goal.count - 1].position);
     goal.begins = -1 - goal.points[goal.count - 1].time;
@@ -262,6 +265,8 @@ static void happen(const event_row *event)
         expect(code == event->answer);
     } else if (event->kind == CANCEL) {
         @{name}_follow_cancel(&state, &options);
+        expect(state.segment == 0 && state.goal.count == 0 && state.goal.points == NULL);
+        expect(state.active == 0 && state.has_next == 0);
     } else if (event->kind == POSE) {
         begin(event->pose);
     } else {

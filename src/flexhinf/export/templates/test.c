@@ -110,6 +110,18 @@ static const uint64_t expected_memory[RUNS][ROWS] = {{
 }};
 
 {% endif %}
+{% if sums %}
+/* What must be remembered after each row, each number over its largest value, added up with factors. */
+static const @{name}_real share_of_memory[@{NAME}_MEMORY] = {
+@{numbers(shares)}
+};
+static const @{name}_real expected_sum[RUNS][ROWS] = {{
+{% call(run) of_runs() %}
+@{numbers(run.sums)}
+{% endcall %}
+}};
+
+{% endif %}
 {% if provocation is not none %}
 /* Numbers that are not the design's, and where the controller starts. */
 static const @{name}_real other_numbers[@{NAME}_PARAMETERS] = {
@@ -118,17 +130,33 @@ static const @{name}_real other_numbers[@{NAME}_PARAMETERS] = {
 {% if provocation.state is not none %}
 static const @{name}_real other_state[@{NAME}_STATES] = {@{row(provocation.state)}};
 {% endif %}
+{% if provocation.quiet is not none %}
+/* Variances that are zero from a row on. */
+enum { QUIET = BEGUN + @{provocation.quiet} };
+static const int noise[@{provocation.noise | length}] = {
+@{in_lines(provocation.noise | list)}
+};
+{% endif %}
 static const @{name}_real other_input[@{NAME}_INPUTS] = {@{row(provocation.input)}};
 
 {% if provocation.memories %}
-/* What the memory is replaced by, before which rows. */
-static const int replaced[@{provocation.memories | length}] = {@{replaced | join(", ")}};
-static const @{name}_real other_memory[@{provocation.memories | length}][@{NAME}_MEMORY] = {
-{% for memory in provocation.memories.values() %}
+/* Before which rows the memory is replaced, by which of the bases, and the first of the numbers in which it differs. */
+static const int replaced[@{replaced | length}][3] = {
+@{integers(replaced)}
+};
+static const @{name}_real bases[@{bases | length}][@{NAME}_MEMORY] = {
+{% for memory in bases %}
     {
 @{numbers(memory)}
     }@{"," if not loop.last}
 {% endfor %}
+};
+enum { CHANGED = @{changed | length - 1} };
+static const int changed_place[CHANGED + 1] = {
+@{in_lines(changed)}
+};
+static const @{name}_real changed_to[CHANGED + 1] = {
+@{numbers(changed_to)}
 };
 
 {% endif %}
@@ -168,11 +196,23 @@ static int step(int row)
 {
     int code = 0;
 {% if provocation is not none and provocation.memories %}
-    for (int k = 0; k < @{provocation.memories | length}; ++k) {
-        for (int i = 0; i < @{NAME}_MEMORY && row == replaced[k]; ++i) {
-            state.memory[i] = other_memory[k][i];
+    for (int k = 0; k < @{replaced | length}; ++k) {
+        if (row == replaced[k][0]) {
+            const int end = (k + 1 < @{replaced | length}) ? replaced[k + 1][2] : CHANGED;
+            for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+                state.memory[i] = bases[replaced[k][1]][i];
+            }
+            for (int i = replaced[k][2]; i < end; ++i) {
+                state.memory[changed_place[i]] = changed_to[i];
+            }
+            state.failed = 0;
         }
     }
+{% if provocation.quiet is not none %}
+    for (int i = 0; i < @{provocation.noise | length} && row == QUIET; ++i) {
+        param.value[noise[i]] = 0;
+    }
+{% endif %}
 {% endif %}
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         input.y[i] = given_y[row][i];
@@ -222,6 +262,17 @@ static uint64_t hash_of(const @{name}_real *numbers, int count)
     return hash;
 }
 
+{% if sums %}
+static @{name}_real sum_of_memory(void)
+{
+    @{name}_real sum = 0;
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+        sum += share_of_memory[i] * state.memory[i];
+    }
+    return sum;
+}
+
+{% endif %}
 static void compare(int row)
 {
     const int part = part_of[row];
@@ -253,6 +304,9 @@ int main(void)
         samples += given_times[row];
         compare(row);
         compare_counts(row);
+{% if sums %}
+        expect(fabs@{f}(sum_of_memory() - expected_sum[RUN][row]) <= tolerance[part_of[row]] * @{NAME}_MEMORY);
+{% endif %}
 {% if hashes %}
         expect(hash_of(state.memory, @{NAME}_MEMORY) == expected_memory[RUN][row]);
 {% endif %}
