@@ -11,36 +11,34 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
 
-NOTHING: Mapping[int, int] = MappingProxyType({})
-
 #: Lines of a function at most.
 MOST = 120
 
 #: Operations of a line, about, where lines are not known yet; one with more counts as several.
 DENSE = 4 / 3
 
-#: Values that are passed on rather than another function begun.
+#: What another function costs, in values that are stored or loaded.
 CALL = 16
+
+NOTHING: Mapping[int, int] = MappingProxyType({})
 
 
 class Filling:
     """Functions that are filled one after the other.
 
-    `section`: Operations of a function to which a new section of the algorithm is not added. `end`: The value that uses
-    each value last.
+    `section`: Lines of a function to which a new section of the algorithm is not added. `last`: What uses each value
+    last.
     """
 
-    def __init__(self, section: float = DENSE * MOST, end: Mapping[int, int] = NOTHING) -> None:
-        self.section, self.end_of, self.number, self.size = lines_of(section), end, 0, 0.0
+    def __init__(self, section: float = MOST, last: Mapping[int, int] = NOTHING) -> None:
+        self.section, self.last, self.number, self.size = section, last, 0, 0.0
         self.values = list[int]()
 
     def add(self, size: float, values: Sequence[int] = (), begins: bool = False, alone: bool = False) -> int:
-        """The number of the function of another piece, of so many lines. `values`: Of the piece, of which the function
-        need not store what the piece is the last to use; `begins`: With a section; `alone`: That is in no function with
-        one before it."""
+        """The number of the function of another piece, of so many lines. `values`: Those of the piece, for which alone
+        none needs to be stored; `begins`: With a section; `alone`: That is in no function with one before it."""
         here = {*values}
-        saved = sum(self.end_of.get(k) in here for k in self.values)
-        whole = self.size + size - saved
+        whole = self.size + size - sum(self.last.get(k) in here for k in self.values)
         if alone or (begins and self.size >= self.section) or (self.size and whole > MOST):
             self.end()
             whole = size
@@ -53,31 +51,31 @@ class Filling:
         self.number, self.size, self.values = self.number + 1, 0.0, []
 
 
-def lines_of(operations: float, lines: int = 0) -> float:
-    """Lines of so many operations, `lines` of them at least."""
-    return max(lines, operations / DENSE)
+def lines_of(operations: float) -> float:
+    """Lines of so many operations, about."""
+    return operations / DENSE
 
 
 def pieces(
     values: Sequence[int],
     sizes: Mapping[int, float],
     reads: Callable[[int], Iterable[int]],
-    end: Mapping[int, int],
+    last: Mapping[int, int],
 ) -> Iterator[tuple[Sequence[int], float]]:
-    """Where to cut a row of values that is too long for one function, and the lines of each piece.
+    """Where to cut a row of values that is too long for one function: the values of each piece, and its lines.
 
-    `sizes`: Lines of each; one that a later piece uses has another. `reads`: What each is computed of. `end`: The value
-    that uses each last, of the row or another.
+    `sizes`: Lines of each value, which has another if something behind its piece uses it. `reads`: What each is
+    computed of. `last`: What uses each last, of the row or behind it.
     """
     place = {k: at for at, k in enumerate(values)}
-    last = [place.get(end[k], len(values)) if k in end else -1 for k in values]
-    #: Of the pieces up to each place: what they store and load, where the last one begins, and its lines.
+    used = [place.get(last[k], len(values)) if k in last else -1 for k in values]
+    #: Of the pieces up to each place: values that they store and load, where the last one begins, and its lines.
     best = [(0, 0, 0.0)]
     for stop in range(1, len(values) + 1):
         lines, stores, loads, ways = 0.0, 0, set[int](), list[tuple[int, int, float]]()
         for start in reversed(range(stop)):
-            passed = last[start] >= stop
-            lines, stores = lines + sizes[values[start]] + passed, stores + passed
+            stored = used[start] >= stop
+            lines, stores = lines + sizes[values[start]] + stored, stores + stored
             if ways and lines > MOST:
                 break
             loads.discard(values[start])
@@ -87,4 +85,4 @@ def pieces(
     cuts = [len(values)]
     while cuts[-1]:
         cuts.append(best[cuts[-1]][1])
-    yield from ((values[first:stop], best[stop][2]) for first, stop in pairwise(cuts[::-1]))
+    yield from ((values[start:stop], best[stop][2]) for start, stop in pairwise(cuts[::-1]))

@@ -31,9 +31,9 @@ from flexhinf.scalars.trace import built
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
 WORTH = 100
 
-#: Operations of a function to which a new section of the algorithm is not added, and of all columns of a matrix that
-#: go together.
-SECTION, COLUMNS = 8, 400
+#: Lines of a function to which a new section of the algorithm is not added, and operations of all columns of a matrix
+#: that go together.
+SECTION, COLUMNS = 6, 400
 
 #: Lines of an operation that stands in the expression of another, about: an expression has only so many.
 INSIDE = 1 / 2
@@ -197,14 +197,14 @@ class _Operations:
         """The function of each operation: whole stages, all columns of a matrix if they are not too many, or a piece of
         a long stage."""
         group, uses = dict[int, Group](), self._uses(part)
-        end = {k: max(own, key=lambda user: (user < 0, user)) for k, own in uses.items()}
+        last = {k: max(own, key=lambda user: (user < 0, user)) for k, own in uses.items()}
         for which in sorted({*part.values()}):
-            filling, before = Filling(SECTION, end), -1
+            filling, before = Filling(SECTION, last), -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
                 begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
                 before = stage
                 sizes = {k: self._lines(k, uses[k]) for k in values}
-                for k, (piece, lines) in enumerate(pieces(values, sizes, self.operands, end)):
+                for k, (piece, lines) in enumerate(pieces(values, sizes, self.operands, last)):
                     number = filling.add(lines, piece, begins and not k, alone and not k)
                     group |= dict.fromkeys(piece, (which, number, 0))
         group = {k: group[k] for k in part}

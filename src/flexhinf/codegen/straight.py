@@ -50,8 +50,8 @@ SHORT = 64
 #: Order of a Cholesky factor that is written out.
 ORDER = 2
 
-#: Operations of a function to which a new section of the algorithm is not added.
-SECTION = 24
+#: Lines of a function to which a new section of the algorithm is not added.
+SECTION = 18
 
 #: The stage of sums of products, which has no name.
 SUMS = "sums"

@@ -198,15 +198,15 @@ class FunctionText:
             {value for _, _, value in self.flow.outputs},
         )
         lines = text.lines(list(stages))
-        end = {value: k for k in lines for value in text.leaves(k)}
-        sizes = {k: text.named(k) + (k in results and k in end) for k in lines}
+        last = {value: k for k in lines for value in text.leaves(k)}
+        sizes = {k: text.named(k) + (k in results and k in last) for k in lines}
         if self.apart:  # results are written where they are computed
-            end = {k: user for k, user in end.items() if k not in results}
+            last = {k: user for k, user in last.items() if k not in results}
         else:
-            end |= dict.fromkeys(results, -1)
-        parts, filling = dict[int, list[Stage]](), Filling(end=end)
+            last |= dict.fromkeys(results, -1)
+        parts, filling = dict[int, list[Stage]](), Filling(last=last)
         for stage, own in groupby(lines, stages.__getitem__):
-            for piece, size in pieces([*own], sizes, text.leaves, end):
+            for piece, size in pieces([*own], sizes, text.leaves, last):
                 parts.setdefault(filling.add(size, piece), []).append((stage, list(piece)))
         return list(parts.values()) or [[]]
 
@@ -325,7 +325,7 @@ class FunctionText:
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
         parts, filling = dict[int, list[str]](), Filling()
         for lines in filter(None, self.several()):
-            size = sum(lines_of(_operations(line), 1) for line in lines)
+            size = sum(max(1.0, lines_of(_operations(line))) for line in lines)
             parts.setdefault(filling.add(size), []).extend(lines)
         for number, lines in enumerate(parts.values(), start=1):
             yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
