@@ -72,16 +72,16 @@ def pieces(
     #: Of the pieces up to each place: values that they store and load, where the last one begins, and its lines.
     best = [(0, 0, 0.0)]
     for stop in range(1, len(values) + 1):
-        lines, stores, loads, ways = 0.0, 0, set[int](), list[tuple[int, int, float]]()
+        lines, stores, loads, options = 0.0, 0, set[int](), list[tuple[int, int, float]]()
         for start in reversed(range(stop)):
             stored = used[start] >= stop
             lines, stores = lines + sizes[values[start]] + stored, stores + stored
-            if ways and lines > MOST:
+            if options and lines > MOST:
                 break
             loads.discard(values[start])
             loads.update(reads(values[start]))
-            ways.append((best[start][0] + stores + len(loads) + CALL, start, lines))
-        best.append(min(ways))
+            options.append((best[start][0] + stores + len(loads) + CALL, start, lines))
+        best.append(min(options))
     cuts = [len(values)]
     while cuts[-1]:
         cuts.append(best[cuts[-1]][1])
