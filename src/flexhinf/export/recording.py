@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -273,15 +272,15 @@ def _room(controller: Controller, count: int) -> np.ndarray:
 def _standstills(controller: Controller) -> np.ndarray:
     """Slope (n + m, k) of a moving reference along its tracked positions, at rest; zero where no model tells it."""
     n, places = len(controller.states), [controller.states.index(name) for name in controller.tracked]
-    slope: Any = (None,)
+    slope: tuple[np.ndarray, np.ndarray] | None = None
     if controller.estimator is not None and places:
         r = controller.operating_reference
         model, states = controller.estimator.plant, controller.estimated_states
         moved, pushed = equilibrium_line(
             model, states.whole(r[:n]), r[n:], [model.index(name) for name in controller.tracked]
         )
-        slope = (None,) if moved is None else (states.own(moved), pushed)
-    return np.zeros((len(controller.commanded), len(places))) if slope[0] is None else np.vstack(slope)
+        slope = None if moved is None else (states.own(moved), pushed)
+    return np.zeros((len(controller.commanded), len(places))) if slope is None else np.vstack(slope)
 
 
 def with_both_roundings(controller: Controller, run: Recording) -> tuple[Recording, Recording]:
