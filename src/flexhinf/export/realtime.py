@@ -28,7 +28,6 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -315,9 +314,17 @@ class _Clock:
     def reset(self) -> None:
         self._stepped.reset(**self._start)
 
-    estimate = property(attrgetter("_stepped.estimate"))
-    path_rate = property(attrgetter("_stepped.path_rate"))
-    doubtful_samples = property(attrgetter("_stepped.doubtful_samples"))
+    @property
+    def estimate(self) -> np.ndarray:
+        return self._stepped.estimate
+
+    @property
+    def path_rate(self) -> float:
+        return self._stepped.path_rate
+
+    @property
+    def doubtful_samples(self) -> int:
+        return self._stepped.doubtful_samples
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""
