@@ -28,6 +28,7 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -314,17 +315,9 @@ class _Clock:
     def reset(self) -> None:
         self._stepped.reset(**self._start)
 
-    @property
-    def estimate(self) -> np.ndarray:
-        return self._stepped.estimate
-
-    @property
-    def path_rate(self) -> float:
-        return self._stepped.path_rate
-
-    @property
-    def doubtful_samples(self) -> int:
-        return self._stepped.doubtful_samples
+    estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
+    path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
+    doubtful_samples: int = property(attrgetter("_stepped.doubtful_samples"))  # pyright: ignore[reportAssignmentType]
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""

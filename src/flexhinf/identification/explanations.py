@@ -237,14 +237,15 @@ def _fitted(
         return part - basis @ (basis.T @ part) if known.size else part
 
     clean, target = remaining(columns), remaining(residual)
-    information = clean.T @ clean
+    information: Matrix = np.asarray(clean.T @ clean, dtype=float)
     if np.linalg.cond(information) > 1e12 or np.trace(information) < 1e-6 * np.sum(columns**2):
-        return 0.0, np.zeros(columns.shape[1]), np.zeros(columns.shape[1])
-    sizes: Vector = -np.linalg.solve(information, clean.T @ target)
+        return 0.0, np.zeros(len(information)), np.zeros(len(information))
+    sizes = np.asarray(-np.linalg.solve(information, clean.T @ target), dtype=float)
     gain = 0.5 * float(sizes @ information @ sizes)
     if candidate.positive and sizes[0] < 0.0:
         gain = 0.0
-    return gain, sizes, np.sqrt(np.diag(np.linalg.inv(information)))
+    inverse = np.asarray(np.linalg.inv(information), dtype=float)
+    return gain, sizes, np.sqrt(np.diag(inverse))
 
 
 def _states(
