@@ -316,9 +316,9 @@ class _Clock:
     def reset(self) -> None:
         self._stepped.reset(**self._start)
 
-    estimate = property(attrgetter("_stepped.estimate"))
-    path_rate = property(attrgetter("_stepped.path_rate"))
-    doubtful_samples = property(attrgetter("_stepped.doubtful_samples"))
+    estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
+    path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
+    doubtful_samples: int = property(attrgetter("_stepped.doubtful_samples"))  # pyright: ignore[reportAssignmentType]
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -274,7 +274,7 @@ def signals_in(path: str | os.PathLike[str], plant: Plant) -> tuple[str, ...]:
     return tuple(dict.fromkeys(signal.name for signal in signals if signal and signal.kind != "state"))
 
 
-def _check_samples(what: str, samples: Any, advice: str) -> None:
+def _check_samples(what: str, samples: object, advice: str) -> None:
     refuse_if(
         not is_integer(samples) or not 0 <= samples <= MOST_LATENCY,
         f"{what} is a number of samples.",
@@ -298,7 +298,7 @@ class Signal(NamedTuple):
     """A signal of a plant: "input", "output" or "state", and its place there."""
 
     kind: str
-    index: int
+    place: int
     name: str
 
 
@@ -360,7 +360,7 @@ def _chosen(
         "the name of the other column",
     )
     _check_complete(heading, plant, chosen, places)
-    order = sorted(chosen, key=lambda signal: (list(PREFIXES).index(signal.kind), signal.index))
+    order = sorted(chosen, key=lambda signal: (list(PREFIXES).index(signal.kind), signal.place))
     read = {signal: heading.in_stated_unit(chosen[signal][0], signal.name) for signal in order}
     heading.check_units()
     return read
@@ -439,7 +439,7 @@ def _log(
         "state": np.full((len(times), plant.n), np.nan),
     }
     for signal, column in zip(chosen, values.T):
-        tables[signal.kind][:, signal.index] = column
+        tables[signal.kind][:, signal.place] = column
     name = file.path.name
     for index, output in enumerate(plant.outputs):
         refuse_if(
@@ -475,7 +475,7 @@ def _log(
 
 def _place_of(chosen: Mapping[Signal, NamedColumn], kind: str, index: int) -> str:
     return next(
-        column.name for signal, column in chosen.items() if (signal.kind, signal.index) == (kind, index)
+        column.name for signal, column in chosen.items() if (signal.kind, signal.place) == (kind, index)
     )
 
 
