@@ -34,7 +34,7 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
-from flexhinf.loop.controller.governor import brought_back, unwound
+from flexhinf.loop.controller.governor import as_moved, braked, brought_back, unwound
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import (
     Source,
@@ -269,6 +269,10 @@ def controller_step(
         about = run.call(partial(_state_and_input, len(estimate)), r)
     run.section("The law u = k(x - x*)" if about is None else "The law about the moving reference")
     law_of = law.on(run, data.law, active, about)
+    if mode.resisted:
+        deviation = run.call(
+            partial(as_moved, mode.governed), deviation, kept["hold"], kept["far"], data.resistance
+        )
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
     after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, **kept}
@@ -380,7 +384,8 @@ def _deviation(
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
     if governs:
-        error, others = unwound(error, integral, others[-1]), others[:-1]
+        (lag, faster), others = others[-1], others[:-1]
+        error, integral = unwound(error, integral, lag), braked(integral, faster, period)
     # What lies beyond the dead zone ±zone (k,), where there is one.
     for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)
