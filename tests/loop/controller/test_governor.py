@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import Governor, as_moved, braked, governed, resisted
+from flexhinf.loop.controller.governor import as_moved, braked, governed, resisted
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
