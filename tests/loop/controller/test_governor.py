@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import as_moved, braked, governed, resisted
+from flexhinf.loop.controller.governor import braked, governed, resisted
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
@@ -223,11 +223,11 @@ def test_a_late_joint_brakes_with_its_command() -> None:
 def held_by(push: Any, yields: Any, samples: int) -> np.ndarray:
     """Shares (N,) of the distance within which a joint is shown its motion: it is 0.2 rad from its command, kept back
     by an acceleration push(k), in units of the resistance, and moves away by yields(share) per sample."""
-    grip, place, shares = np.outer([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.ones(1)), 0.3, []
+    grip, place, shares = np.outer([1.0, 0.0, 0.0, 0.0], np.ones(1)), 0.3, []
     for k in range(samples):
         seen = np.array([place, 0.0])
         grip = resisted(
-            [Source(True, 0, 0)], ((0, 1, 0, 1),), (), seen, seen, np.array([0.5, 0.0, 0.0]), seen[:1], np.ones(1),
+            [Source(True, 0, 0)], ((0, 1, 0, 1),), seen, seen, np.array([0.5, 0.0, 0.0]),
             np.array([-PERIOD * 20.0 * push(k)]), grip, np.ones(1), [PERIOD], BACK.data(PERIOD)[:, :1],
             np.array([20.0]),
         )  # fmt: skip
@@ -297,24 +297,6 @@ def test_an_integral_that_throws_a_joint_is_taken_back_and_one_that_carries_is_n
     assert np.array_equal(after[1:3], before[1:3])
     assert np.abs(after[[0, 3]]).max() < 0.15 * 0.5
     assert np.array_equal(np.sign(after), np.sign(before))
-
-
-def test_a_law_is_shown_the_speed_of_a_joint_that_stands_though_its_estimate_moves() -> None:
-    """The estimate says 3 rad/s of a link, and 2 rad/s of its motor, which nothing moves: as the joint is resisted, a
-    tenth of it is left; where nothing resists it, or it follows its command, it is what it was bit for bit."""
-    grip, seen = np.outer([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.ones(1)), np.array([0.3, 3.0, 0.3, 2.0])
-    row, deviation, most = (0, 1, 2, 3), np.array([0.01, 3.0, 0.02, 2.0]), np.array([20.0])
-    for _ in range(round(0.05 / PERIOD)):
-        grip = resisted(
-            [Source(True, 0, 0)], (row,), (), seen, seen, np.array([0.5, 0.0, 0.5, 0.0, 0.0]), seen[:1], np.ones(1),
-            np.array([-PERIOD * 60.0]), grip, np.ones(1), [PERIOD], BACK.data(PERIOD)[:, :1], most,
-        )  # fmt: skip
-    held = as_moved((row,), deviation, grip, np.ones(1), most)
-    assert np.array_equal(held[[0, 2]], deviation[[0, 2]])
-    assert np.abs(held[[1, 3]]).max() < 0.3
-    assert np.array_equal(as_moved((row,), deviation, grip, np.zeros(1), most), deviation)
-    grip[1] = 0.0
-    assert np.array_equal(as_moved((row,), deviation, grip, np.ones(1), most), deviation)
 
 
 def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:

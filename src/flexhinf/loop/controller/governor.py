@@ -27,11 +27,6 @@ So the joint lets go of the obstacle but for a push of about w, springs are not 
 obstacle does not move a joint. Where p does so, by `YIELDED` of the distance away from the command, it is a load, and
 the joint grips until p is small. Where nothing keeps it back, g is 1.
 
-The estimator's model moves a link that something stops: it said 4 rad/s of one that stood, and a law whose motors
-follow such a link pressed on with all that they have. So the law is shown the speeds that a joint has which is brought
-back, in part where |p| is below w, wholly above. They are the estimated ones, less what those of `TRULY` seconds are
-beside the motion that is measured.
-
 A joint that is let go of may outrun the motion that it is shown, by what its integral holds. Such an integral is taken
 back within `TAKEN_BACK`.
 """
@@ -61,9 +56,6 @@ RATE, PER_SAMPLE, OVER = 40.0, 0.2, 1e-3
 #: What resists a joint is heard with this time constant, s; times t in which a joint lets go and grips again, s; share
 #: of the resistance below which nothing keeps the joint, and of the distance by which a load moves it.
 HEARD, LET_GO, REGRIP, QUIET, YIELDED = 0.02, 0.03, 0.3, 0.5, 0.25
-
-#: Time constant by which the speed is heard that a link has, beside the one that its estimate says, s.
-TRULY = 0.005
 
 #: Integrals that drive a joint faster than it is shown are taken back with this time constant, s: wholly where it is
 #: faster by the second of two shares of the largest speed, not at all below the first.
@@ -190,7 +182,7 @@ class Governor(Listed):
 
 def first_of_joints(mode: Any, zeros: np.ndarray) -> dict[str, np.ndarray]:
     """Parts of the memory before the first sample, of joints (k,) that all follow."""
-    kept = {"hold": np.outer([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], zeros + 1.0)} if mode.resisted else {}
+    kept = {"hold": np.outer([1.0, 0.0, 0.0, 0.0], zeros + 1.0)} if mode.resisted else {}
     return {"far": zeros, **kept} if mode.governed else {}
 
 
@@ -211,11 +203,9 @@ def brought_back(
     if mode.resisted:
         change = run.call(partial(_corrections, mode.resisted), *means)
         kept["hold"] = run.call(
-            partial(resisted, tracked, mode.governed, mode.turned),
+            partial(resisted, tracked, mode.governed),
             *seen,
             r,
-            memory.position,
-            memory.started,
             change,
             memory.hold,
             memory.far,
@@ -247,12 +237,9 @@ def _corrections(places: Sequence[int], before: Any, after: Any) -> Any:
 def resisted(
     tracked: Sequence[Source],
     places: Sequence[Sequence[int]],
-    turned: Sequence[Sequence[float]],
     y: Any,
     estimate: Any,
     r: Any,
-    before: Any,
-    started: Any,
     change: Any,
     hold: Any,
     far: Any,
@@ -260,19 +247,12 @@ def resisted(
     numbers: Any,
     resistance: Any,
 ) -> Any:
-    """How the joints are held (6, k), by what a correction changed (k,) of their velocities: the share g of the
+    """How the joints are held (4, k), by what a correction changed (k,) of their velocities: the share g of the
     distance within which their motion is shown, the acceleration that no model explains, where the joint was nearest
-    to its command since that keeps it from it, whether it has yielded since, 1 or 0, and by how much the estimated
-    speeds of link and motor are beside what the link moves, the positions `before` (k,) being those of the last
-    sample."""
-    heard, truly = (minimum(period[0] / time, 1.0) for time in (HEARD, TRULY))
-    columns = list[list[Any]]()
-    seen_now = positions(tracked, y, estimate)
-    moved = [(now - last) / period[0] for now, last in zip(seen_now, before)]
-    turns = [sum(t * v for t, v in zip(row, moved)) for row in turned] or moved
-    joints = zip(places, seen_now, moved, turns, change, far, numbers[0], resistance, *hold)
-    for row, seen, speed, turn, gained, flag, distance, most, share, push, nearest, load, *wrong in joints:
-        link, turning, _, motor = row
+    to its command since that keeps it from it, and whether it has yielded since, 1 or 0."""
+    heard, columns = minimum(period[0] / HEARD, 1.0), list[list[Any]]()
+    joints = zip(places, positions(tracked, y, estimate), change, far, numbers[0], resistance, *hold)
+    for (link, *_), seen, gained, flag, distance, most, share, push, nearest, load in joints:
         push = push + heard * (gained / period[0] - push)
         side = where(r[link] < seen, -1.0, 1.0)
         keeps = where(flag > 0.5, -side * push / most, 0.0)
@@ -280,11 +260,7 @@ def resisted(
         load = where(side * (nearest - seen) > YIELDED * distance, 1.0, where(keeps < QUIET, 0.0, load))
         rate = where(load > 0.5, 1.0, clip(1.0 - keeps, -1.0, 1.0) * where(keeps < 1.0, LET_GO / REGRIP, 1.0))
         share = clip(share + rate * period[0] / LET_GO, 0.0, 1.0)
-        wrong = [
-            where(started[0] > 0.5, was + truly * (estimate[place] - own - was), 0.0)
-            for was, place, own in zip(wrong, (turning, motor), (speed, turn))
-        ]
-        columns.append([where(flag > 0.5, share, 1.0), push, nearest, load, *wrong])
+        columns.append([where(flag > 0.5, share, 1.0), push, nearest, load])
     return np.array(columns).T
 
 
@@ -373,15 +349,3 @@ def braked(integral: Any, faster: Any, period: Any) -> Any:
         i - where(i * v < 0.0, most * clip((absolute(v) - FASTER) / (MUCH_FASTER - FASTER), 0.0, 1.0) * i, 0.0)
         for i, v in zip(integral, faster, strict=True)
     ])  # fmt: skip
-
-
-@gives("deviation_as_moved")
-def as_moved(places: Sequence[Sequence[int]], deviation: Any, hold: Any, far: Any, resistance: Any) -> Any:
-    """The law's argument with the speeds that joints have, of those that are brought back and that something resists,
-    `hold` being that of `resisted`: in part below the resistance, wholly above."""
-    rows, (_, pushes, _, _, links, motors) = list(deviation), hold
-    for row, push, flag, most, link, motor in zip(places, pushes, far, resistance, links, motors):
-        share = where(flag > 0.5, minimum(absolute(push) / most, 1.0), 0.0)
-        for place, wrong in {row[3]: motor, row[1]: link}.items():
-            rows[place] = rows[place] - share * wrong
-    return np.array(rows)

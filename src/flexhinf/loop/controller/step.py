@@ -34,7 +34,7 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
-from flexhinf.loop.controller.governor import as_moved, braked, brought_back, unwound
+from flexhinf.loop.controller.governor import braked, brought_back, unwound
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import (
     Source,
