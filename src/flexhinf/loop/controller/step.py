@@ -269,10 +269,6 @@ def controller_step(
         about = run.call(partial(_state_and_input, len(estimate)), r)
     run.section("The law u = k(x - x*)" if about is None else "The law about the moving reference")
     law_of = law.on(run, data.law, active, about)
-    if mode.resisted:
-        deviation = run.call(
-            partial(as_moved, mode.governed), deviation, kept["hold"], kept["far"], data.resistance
-        )
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
     after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, **kept}
