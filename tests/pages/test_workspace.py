@@ -184,7 +184,9 @@ def test_files_stand_in_the_order_of_their_numbers():
 def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolerated):
     (section,) = [part for part in made().sections if part.id == "tolerance"]
     text = text_of(section.html())
-    assert unnamed(text, "proved", "computed", *masses_text(tolerated.tolerance.errors.masses).split()[:1]) == []
+    assert (
+        unnamed(text, "proved", "computed", *masses_text(tolerated.tolerance.errors.masses).split()[:1]) == []
+    )
     assert tolerated.proved.high == design.setup.law.gains.ends[1]
     part = tolerated._replace(proved=ProvedRange(70.0, 81.0, 3))
     assert unnamed(stability_text(design.setup, part.proved), "9 rad/s", "stable") == []

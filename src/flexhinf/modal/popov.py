@@ -1,4 +1,4 @@
-"""Search for storage functions of pairs that prove which errors of masses and springs the loop of a workspace tolerates.
+"""Search for storage functions of pairs: they prove which errors of masses and springs a loop of a workspace tolerates.
 
 At a pose let the true inertia matrix M̂ of the links be between M/(1 + δ₂) and M/(1 − δ₁), and the stiffness K̂ between
 (1 − ε₁) K and (1 + ε₂) K. In the coordinates of K^½ the links feel V (Λ + Λ^½ Δ Λ^½)(1 + E) Vᵀ and the motors κ (1 + E)
@@ -6,24 +6,24 @@ with symmetric constant −δ₁ ≤ Δ ≤ δ₂ and −ε₁ ≤ E ≤ ε₂. 
 twist s of the spring, and through d = Δ a with a = √λ (s + e), which adds √λ d to z″. Let ˙ be the rate of a signal
 times e^(αt), r = ṡ, and v = ė = E r. All such signals satisfy over a period, for weights μ ≥ 0 and all τ, ρ and c,
 
-    ∫ (d + δ₁ a)(δ₂ a − d) + μ₁ (e + ε₁ s)(ε₂ s − e) + μ₂ (v + ε₁ r)(ε₂ r − v) + 2τ (d ȧ + v ṙ) + 2ρ e r − 2c e v dt
-        ≥  [τ (aᵀΔa + rᵀE r) + ρ sᵀE s − c eᵀe],
+    ∫ (d + δ₁ a)(δ₂ a − d) + μ₁ (e + ε₁ s)(ε₂ s − e) + μ₂ (v + ε₁ r)(ε₂ r − v)
+        + 2τ (d ȧ + v ṙ) + 2ρ e r − 2c e v dt  ≥  [τ (aᵀΔa + rᵀE r) + ρ sᵀE s − c eᵀe],
 
 with Popov's multipliers [popov1961]. ȧ = √λ (r + v) and ṙ = −(λ + κ)(s + e) − √λ d + y: the product of d and v, of both
 errors, falls out. The largest of V(x(h)) plus the integral over all d and v, for a pair by itself, is that of a
-linear-quadratic worst. With x = (z, z′, s, s′, f, e), ẋ = M x + √λ g d + i v, the twist t = s + e, g = z′ − s′ and i = e
-as unit vectors, S = τ (r rᵀ + (λ + κ) t tᵀ) + c i iᵀ (which is added to V, so that no large number is left in the
+linear-quadratic worst. With x = (z, z′, s, s′, f, e), ẋ = M x + √λ g d + i v, t = s + e, g = z′ − s′ and i = e as unit
+vectors, S = τ (r rᵀ + (λ + κ) t tᵀ) + c i iᵀ (which is added to V, so that no large number is left in the
 flow), M′ = M + λ ½(δ₂ − δ₁) g tᵀ + i nᵀ and n = ½(ε₂ − ε₁) r + τ y/μ₂
 
-    Φ′ = exp(h [ M′   λ g gᵀ + i iᵀ/μ₂ ; −Q′   −M′ᵀ ]),     W = Φ₁₂ Φ₂₂⁻¹,   Q = −Φ₂₂⁻¹ Φ₂₁,   A = Φ₂₂⁻ᵀ,
-    Φ = [ 1   0 ; S   1 ] Φ′ [ 1   0 ; −S   1 ],             Q′ = λ ¼(δ₁ + δ₂)² t tᵀ + τ (r yᵀ + y rᵀ) + μ₂ (n nᵀ + ε₁ε₂ r rᵀ)
-        + μ₁ (ε₁ε₂ s sᵀ + ½(ε₂ − ε₁)(s iᵀ + i sᵀ) − i iᵀ) + ρ (r iᵀ + i rᵀ).
+    Φ′ = exp(h [ M′   λ g gᵀ + i iᵀ/μ₂ ; −Q′   −M′ᵀ ]),    W = Φ₁₂ Φ₂₂⁻¹,   Q = −Φ₂₂⁻¹ Φ₂₁,   A = Φ₂₂⁻ᵀ,
+    Φ = [ 1   0 ; S   1 ] Φ′ [ 1   0 ; −S   1 ],
+    Q′ = λ ¼(δ₁ + δ₂)² t tᵀ + τ (r yᵀ + y rᵀ) + μ₂ (n nᵀ + ε₁ε₂ r rᵀ) + ρ (r iᵀ + i rᵀ)
+        + μ₁ (ε₁ε₂ s sᵀ + ½(ε₂ − ε₁)(s iᵀ + i sᵀ) − i iᵀ).
 
 Where springs are exact, e and v are left out. With the memory of the controller the loop is ξ⁺ = A ξ + v, and
-V_λ = ξᵀ P(λ) ξ proves stability with the rate α if
-P > 0 and N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0 (docs/theorem.md). P is linear in λ in an interval, at whose ends it
-solves a Riccati equation. Nothing here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with
-it.
+V_λ = ξᵀ P(λ) ξ proves stability with the rate α if P > 0 and N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0
+(docs/theorem.md). P is linear in λ in an interval; at its ends it lies between solutions of a Riccati equation. Nothing
+here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with it.
 
 The unit of time is the period, so that all numbers have a size near one.
 """
@@ -74,6 +74,7 @@ class Sector(NamedTuple):
 
     lower: float  # δ₁: 0.2 covers links that are 1/0.8 times as heavy
     upper: float  # δ₂: 0.25 covers links that are 1/1.25 times as heavy
+
 
 #: No errors of one kind.
 EXACT = Sector(0.0, 0.0)
@@ -238,9 +239,7 @@ class SampledPairs:
         after = np.vstack([own[:4], np.exp(alpha) * memory, own[4:]])
         return WorstPeriod(after, 0.5 * acting.T @ (q + q.T) @ acting, whole)
 
-    def radius(
-        self, links: Sequence[float], errors: np.ndarray, springs: np.ndarray | float = 0.0
-    ) -> float:
+    def radius(self, links: Sequence[float], errors: np.ndarray, springs: np.ndarray | float = 0.0) -> float:
         """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia, and E (k, k) of the
         stiffness, mix."""
         count, roots = len(links), np.sqrt(links) * self.gains.period
@@ -364,7 +363,9 @@ def popov_tolerance(
 def _starts(springs: bool) -> list[tuple[tuple[float, ...], float]]:
     """Logarithms of multipliers, and the sign of τ, from which a search begins."""
     if springs:
-        return [(place, 1.0) for place in product((0.0, 1.0, 2.0), (-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0))]
+        return [
+            (place, 1.0) for place in product((0.0, 1.0, 2.0), (-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0))
+        ]
     return [
         ((power,), sign)
         for sign, count in ((1.0, 13), (-1.0, 5))

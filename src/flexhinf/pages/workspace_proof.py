@@ -177,9 +177,7 @@ def proof_text(proof: WorkspaceProof) -> str:
         return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
     proved = errors_text(proof.errors)
     if not stated.errors.largest:
-        return (
-            f"Proved for masses and payloads that make {proved}; the file states no tolerance of these or of springs."
-        )
+        return f"Proved for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:
         return (
             f"Proved for the file's tolerances of masses, payloads and springs, {where}: they make "

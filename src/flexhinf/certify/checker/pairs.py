@@ -14,7 +14,7 @@ Nothing is imported from the search. Every number of the file is a double, and r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -26,6 +26,9 @@ from flexhinf.errors import InvalidInput, refuse_if
 
 #: Bits of the balls.
 BITS = 106
+
+#: Share of a matrix by which its negative part is made larger.
+MORE = 1e-6
 
 #: A period is divided into so many parts, each at most so many times into two, in which Φ₂₂ is regular.
 PARTS, HALVINGS = 4, 8
@@ -231,10 +234,24 @@ def _proves(claim: PairClaim, k: int) -> bool:
         return False
     p = TaylorMatrix([(first + last) * arb(0.5), (last - first) * arb(0.5), first * 0])
     centre, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
-    value, slope, *others = _inequality(_loop(claim, centre, half), p, root, inverse).parts
+    value, slope, bend, *others = _inequality(_loop(claim, centre, half), p, root, inverse).parts
+    # N₀ + N₁u + N₂u² ≥ N₀ + N₁u − D between −1 and 1 for every D ≥ 0 with N₂ + D ≥ 0.
+    loss = _below(bend)
     unit = arb_mat(np.eye(value.nrows()).tolist())
-    tail = unit * sum((frobenius(part.entries()) for part in others), arb(0))
-    return all(positive_definite(value + sign * slope - tail) for sign in (1, -1))
+    tail = loss + unit * sum((frobenius(part.entries()) for part in others), arb(0))
+    return positive_definite(bend + loss) and all(
+        positive_definite(value + sign * slope - tail) for sign in (1, -1)
+    )
+
+
+def _below(matrix: arb_mat) -> arb_mat:
+    """The negative part of a symmetric matrix, some more than that; of the middles of its balls."""
+    middle = np.array([[float(entry.mid()) for entry in row] for row in matrix.tolist()])
+    values, vectors = np.linalg.eigh(0.5 * (middle + middle.T))
+    part = (vectors * np.maximum(-values, 0.0)) @ vectors.T + MORE * np.abs(values).max() * np.eye(
+        len(values)
+    )
+    return arb_mat((0.5 * (part + part.T)).tolist())
 
 
 class _WorstPeriod(NamedTuple):

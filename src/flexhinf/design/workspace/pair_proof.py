@@ -56,8 +56,7 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
 def largest_certificate(
     pairs: SampledPairs, shape: Errors, progress: Callable[[str], None], fixed: Errors = NONE
 ) -> tuple[PopovTolerance, Numbers | None]:
-    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of the largest share of it that
-    is proved."""
+    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of the share that is proved."""
     progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
     tolerance = popov_tolerance(pairs, shape, fixed=fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
