@@ -16,8 +16,8 @@ FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
 MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 2e-5, 12
 
-#: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
-SHARES, RATES = (0.97, 0.9, 0.7), (0.005, 0.0)
+#: Shares of a tolerance that are tried in turn, and with errors of springs; of the slowest decay, tried as a rate.
+SHARES, SPRUNG, RATES = (0.97, 0.9, 0.7), (0.9, 0.7), (0.005, 0.0)
 
 Numbers = dict[str, Any]
 
@@ -56,11 +56,12 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
 def largest_certificate(
     pairs: SampledPairs, shape: Errors, progress: Callable[[str], None], fixed: Errors = NONE
 ) -> tuple[PopovTolerance, Numbers | None]:
-    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of the share that is proved."""
+    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of what is proved."""
     progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
     tolerance = popov_tolerance(pairs, shape, fixed=fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
-    for share in SHARES if tolerance.share > 0.0 else ():
+    shares = SPRUNG if max(tolerance.errors.springs) > 0.0 else SHARES
+    for share in shares if tolerance.share > 0.0 else ():
         for part in RATES:
             errors = fixed.and_share(share * tolerance.share, shape)
             found = pair_certificate(
