@@ -63,7 +63,7 @@ NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
 DOUBLINGS, MORE, WEIGHT = 45, 0.05, 1e-3
 
 #: Share of the largest eigenvalue of Y that counts as reached.
-LEAST_REACHED = 1e-6
+REACHED = 1e-6
 
 #: The rooms at which a lift is looked for; smallest log₁₀ of several multipliers.
 LIFTED, SMALLEST = (0.01, 1e-3), np.array([-1.0, -4.0, -4.0, -3.0])
@@ -295,8 +295,8 @@ def storage(worst: WorstPeriod) -> np.ndarray | None:
     size = np.sqrt(np.maximum(np.abs(np.diag(y)), 1e-300))
     values, vectors = np.linalg.eigh(y / np.outer(size, size))
     # The largest is Y⁻¹, of states that no error reaches without bound.
-    root = vectors / np.sqrt(np.maximum(values, LEAST_REACHED * values[-1])) / size[:, None]
-    back = (size[:, None] * vectors * np.sqrt(np.maximum(values, LEAST_REACHED * values[-1]))).T
+    root = vectors / np.sqrt(np.maximum(values, REACHED * values[-1])) / size[:, None]
+    back = (size[:, None] * vectors * np.sqrt(np.maximum(values, REACHED * values[-1]))).T
     ratios, turn = np.linalg.eigh(back @ smallest @ back.T)
     if ratios[0] <= 0.0:
         return smallest

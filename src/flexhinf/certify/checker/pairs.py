@@ -273,14 +273,14 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
 
 def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
-    game, size = _game(claim, centre, half), 5 + claim.with_springs
-    flow = game.hamiltonian.exponential()
+    whole_flow, size = _flow(claim, centre, half), 5 + claim.with_springs
+    flow = whole_flow.hamiltonian.exponential()
     x, y = flow.rows(0, size).columns(0, size), flow.rows(0, size).columns(size, 2 * size)
     c, d = flow.rows(size, 2 * size).columns(0, size), flow.rows(size, 2 * size).columns(size, 2 * size)
-    end = game.shift @ y + d
+    end = whole_flow.shift @ y + d
     inverse = end.inverse()
-    w, q = y @ inverse, inverse @ (end @ game.shift - game.shift @ x - c)
-    acting, memory = _sampled(claim, centre, half, game.free.exponential().rows(0, 4))
+    w, q = y @ inverse, inverse @ (end @ whole_flow.shift - whole_flow.shift @ x - c)
+    acting, memory = _sampled(claim, centre, half, whole_flow.free.exponential().rows(0, 4))
     growth = (arb(claim.rate) * arb(claim.period)).exp()
     # Rows of the flow's states that the worst moves, and where the loop has these.
     places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.with_springs
@@ -295,7 +295,7 @@ def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
     return _WorstPeriod(after, acting.transpose() @ q @ acting, moves.transpose() @ w @ moves)
 
 
-class _Game(NamedTuple):
+class _Flow(NamedTuple):
     """What errors do to a pair within a period, in periods."""
 
     hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f, e) and its costate
@@ -303,7 +303,7 @@ class _Game(NamedTuple):
     free: TaylorMatrix  # M of (z, z′, s, s′, f), without errors and rate
 
 
-def _game(claim: PairClaim, centre: arb, half: arb) -> _Game:
+def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
     h, size = arb(claim.period), 5 + claim.with_springs
     numbers = [arb(getattr(claim, name)) for name in (*ERRORS, *MULTIPLIERS)]
     lower, upper, softer, stiffer, tau, rho, twist_weight, rate_weight, lift = numbers
@@ -317,7 +317,7 @@ def _game(claim: PairClaim, centre: arb, half: arb) -> _Game:
     twist, turn = TWIST + ERROR, TURN + alpha * TWIST
     # What else than the twist of the spring turns s: ṙ without −(λ + κ)(s + e).
     driven = np.array([-nu, -beta, -nu, -beta, b, zero], dtype=object)
-    rest = driven + alpha * (TURN + turn)
+    driving = driven + alpha * (TURN + turn)
     still = np.outer(TURN, driven - kappa * twist)
     still[0, 1] += 1
     still[2, 3] += 1
@@ -333,10 +333,10 @@ def _game(claim: PairClaim, centre: arb, half: arb) -> _Game:
     felt, pushed = np.outer(PUSH, twist), np.outer(PUSH, PUSH)
     free = linear(still, felt)
     growth = alpha * np.diag([1, 1, 1, 1, 1, 0]).astype(object)
-    moved, entry, gained = still + growth, pushed * 0, tau * _twice(turn, rest)
+    moved, entry, gained = still + growth, pushed * 0, tau * _twice(turn, driving)
     shift = tau * (np.outer(turn, turn) + kappa * np.outer(twist, twist))
     if claim.with_springs:
-        n = (stiffer - softer) / 2 * turn + tau / rate_weight * rest
+        n = (stiffer - softer) / 2 * turn + tau / rate_weight * driving
         moved = moved + np.outer(ERROR, n)
         entry = entry + np.outer(ERROR, ERROR) / rate_weight
         shift = shift + lift * np.outer(ERROR, ERROR)
@@ -347,7 +347,7 @@ def _game(claim: PairClaim, centre: arb, half: arb) -> _Game:
     q = linear(gained, ((lower + upper) / 2) ** 2 * np.outer(twist, twist))
     hamiltonian = TaylorMatrix.stacked([[m, linear(entry, pushed)], [-q, -m.transpose()]])
     whole = linear(shift, tau * np.outer(twist, twist))
-    return _Game(hamiltonian, whole, free.rows(0, 5).columns(0, 5))
+    return _Flow(hamiltonian, whole, free.rows(0, 5).columns(0, 5))
 
 
 def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -359,8 +359,8 @@ def regular_at_first(claim: PairClaim) -> bool:
     """Whether Φ₂₂ is regular at all instants of a period at the first λ: then it is so in all intervals in which it is
     regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
     with _balls():
-        game, size = _game(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.with_springs
-        rate, shift = game.hamiltonian.parts[0], game.shift
+        whole_flow, size = _flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.with_springs
+        rate, shift = whole_flow.hamiltonian.parts[0], whole_flow.shift
         parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
         while parts:
             begin, end, halvings = parts.pop()
