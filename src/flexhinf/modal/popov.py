@@ -375,10 +375,10 @@ def _starts(springs: bool) -> list[tuple[tuple[float, ...], float]]:
 
 def _neighbours(place: tuple[float, ...], step: float) -> Iterator[tuple[float, ...]]:
     """A step along each axis, either way; of several multipliers, then all but the first together."""
-    ways = np.eye(len(place))
+    steps = np.eye(len(place))
     if len(place) > 1:
-        ways = np.vstack([ways, [0.0, 1.0, 1.0, 1.0]])
-    for way in (*ways, *-ways):
+        steps = np.vstack([steps, [0.0, 1.0, 1.0, 1.0]])
+    for way in (*steps, *-steps):
         other = np.array(place) + step * way
         if len(place) == 1 or (other >= SMALLEST).all():
             yield tuple(other.tolist())
