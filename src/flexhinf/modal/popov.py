@@ -65,8 +65,9 @@ DOUBLINGS, MORE, WEIGHT = 45, 0.05, 1e-3
 #: Share of the largest eigenvalue of Y that counts as reached.
 REACHED = 1e-6
 
-#: The rooms at which a lift is looked for; smallest log₁₀ of several multipliers.
-LIFTED, SMALLEST = (0.01, 1e-3), np.array([-1.0, -4.0, -4.0, -3.0])
+#: The rooms at which a lift is looked for, and the share of an entry of P by which it clears 0; smallest log₁₀ of
+#: several multipliers.
+LIFTED, CLEAR, SMALLEST = (0.01, 1e-3, 1e-5), 0.05, np.array([-1.0, -4.0, -4.0, -3.0])
 
 
 class Sector(NamedTuple):
@@ -451,8 +452,8 @@ class PairStorages:
             for wide in filter(None, (self._widened(link, room) for room in LIFTED)):
                 if (found := _solutions(wide)) is not None:
                     p = found[0]
-                    low.append(float(p[-1, -1] - p[-1, :-1] @ np.linalg.solve(p[:-1, :-1], p[:-1, -1])))
-                    break
+                    by_itself = p[-1, -1] - p[-1, :-1] @ np.linalg.solve(p[:-1, :-1], p[:-1, -1])
+                    low.append(float(by_itself - CLEAR * abs(p[-1, -1])))
         return replace(self, multipliers=self.multipliers._replace(lift=2.0 * abs(min(low))))
 
     def _widened(self, link: float, room: float) -> WorstPeriod | None:
