@@ -533,7 +533,7 @@ def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
         "goals": design.goals,
         "left_out": design.left_out,
         "tolerated": finite(
-            t._asdict() | {"tolerance": t.tolerance.sector._asdict(), "proved": t.proved._asdict()}
+            t._asdict() | {"tolerance": t.tolerance.errors.masses._asdict(), "proved": t.proved._asdict()}
         ),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),
