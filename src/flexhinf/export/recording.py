@@ -113,7 +113,7 @@ class Recording:
     rejected: np.ndarray
     doubtful: list[int]
     hashes: list[int]
-    remembered: np.ndarray
+    memory_rows: np.ndarray
     moved: int | None = None
     provocation: Provocation | None = None
 
@@ -319,7 +319,7 @@ def feed(
     """As `replay`, to this controller itself, with other memories before some rows, which may end in nothing finite."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, remembered = (
+    inputs, estimates, codes, memory_rows = (
         list[np.ndarray](),
         list[np.ndarray](),
         list[str](),
@@ -327,7 +327,7 @@ def feed(
     )
     said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
-        code = kind
+        code, before = kind, fresh.rejected
         if k in memories:
             history_of(fresh).memory[:], history_of(fresh).failed = memories[k], False
         if kind == GAP:
@@ -349,7 +349,7 @@ def feed(
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
         said.append((int(fresh.status), fresh.path_rate, np.array(fresh.rejected), fresh.doubtful_samples))
-        remembered.append(history_of(fresh).memory.copy())
+        memory_rows.append(history_of(fresh).memory.copy())
     r = r if r.shape[1] else np.zeros((len(y), 1))
     status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
     return Recording(
@@ -363,6 +363,6 @@ def feed(
         rates,
         np.array(rejected),
         doubtful,
-        [memory_hash(memory) for memory in remembered],
-        np.array(remembered),
+        [memory_hash(memory) for memory in memory_rows],
+        np.array(memory_rows),
     )

@@ -32,7 +32,7 @@ def expanded_columns(heading: Heading, plant: Plant, columns: Mapping[str, str])
     found = dict[str, str]()
     for name, text in columns.items():
         signals = [one for one in (*plant.inputs, *plant.outputs) if one.startswith(f"{name}_")]
-        if not isinstance(text, str) or "#" not in text or heading.named(text) or not signals:
+        if "#" not in str(text) or heading.named(text) or not signals:
             found[name] = text
             continue
         stem, unit = name_and_unit(text)

@@ -179,8 +179,11 @@ def proof_text(proof: WorkspaceProof) -> str:
     if not stated.errors.largest:
         return f"Proved for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:
+        every = "masses, payloads and springs"
+        if stated.errors.springs != EXACT and not proof.has_like_motors:
+            every = "masses and payloads, and of springs if their true torque makes the unlike motors alike"
         return (
-            f"Proved for the file's tolerances of masses, payloads and springs, {where}: they make "
+            f"Proved for the file's tolerances of {every}, {where}: they make "
             f"{errors_text(stated.errors)}, and small motions about rest are stable with {proved}."
         )
     tolerated, needed, which = min(

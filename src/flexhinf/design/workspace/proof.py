@@ -57,6 +57,13 @@ class WorkspaceProof(NamedTuple):
         return self.checked is not None and self.stated.errors.within(self.errors)
 
     @property
+    def has_like_motors(self) -> bool:
+        """Whether the torque K/J of a motor per twist is the same for all, so that nothing makes them alike."""
+        joints = self.setup.law.joints
+        ratio = joints.stiffness / joints.motor_inertia
+        return bool(np.ptp(ratio) <= 1e-9 * ratio.max())
+
+    @property
     def errors(self) -> Errors:
         """What is proved to be tolerated; nothing where no error is."""
         proved = self.checked
