@@ -48,7 +48,7 @@ def test_a_good_log_is_good_and_an_ill_one_has_a_page(
     numbers: dict[str, Any] = json.loads((folder / "checked" / "check.json").read_text(encoding="utf-8"))
     assert [(one["kind"], one["severity"]) for one in numbers["findings"]] == [("dead", "fault")]
     page = (folder / "checked" / "index.html").read_text(encoding="utf-8")
-    assert unnamed(page, 'id="findings"', 'id="signals"', "never changes") == []
+    assert unnamed(page, 'id="findings"', 'id="figure-signals"', "never changes") == []
 
 
 def test_a_doubt_ends_with_one(
