@@ -1,8 +1,9 @@
 """``make bench-robots``: which public URDF files load, at once and after ``flexhinf init``, and whether they are right.
 
 ``python -m benchmarks.robots --source "owner/name@commit=FOLDER"`` looks at every URDF below the folder; the package
-example-robot-data is looked at where it is installed. What is found goes to benchmarks/robots.json, and ``--table``
-prints the table of docs/hardware.md from there. Of each file its SHA-256 is kept, and no text.
+example-robot-data is looked at where it is installed. What is found goes to benchmarks/robots.json, where rows of other
+sources stay, and ``--table`` prints the table of docs/hardware.md from there. Of each file its SHA-256 is kept, and no
+text.
 
 A file counts as loaded after ``flexhinf init`` if the robot file that it writes loads, and every joint with a motor
 moves in it: with an effort or a transmission, and neither coupled to another joint nor without mass behind it. Mass
@@ -62,7 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
     if not sources:
         print(f"No robots: install {PACKAGE}, or state --source NAME=FOLDER")
         return 1
-    rows = []
+    kept = json.loads(given.kept.read_text(encoding="utf-8")) if given.kept.exists() else []
+    rows = [row for row in kept if row["source"] not in sources]
     for name, folder in sources.items():
         for file in sorted(folder.rglob("*.urdf")):
             rows.append({"source": name, "file": file.relative_to(folder).as_posix(), **looked_at(file)})
@@ -147,7 +149,10 @@ def difference(root: Element, arm: RigidArm) -> float | None:
                 turn = [np.cos(value), np.sin(value)] if joint.nq == 2 else [value]
                 place[joint.idx_q : joint.idx_q + joint.nq] = turn
     held = [model.getJointId(name) for name in list(model.names)[1:] if name not in names]
-    model = pin.buildReducedModel(model, held, place) if held else model
+    try:
+        model = pin.buildReducedModel(model, held, place) if held else model
+    except ValueError:  # of a link and a joint with one name
+        return None
     data, rng, worst = model.createData(), np.random.default_rng(SEED), 0.0
     order = [model.joints[model.getJointId(name)] for name in names]
     bodies = bodies_of(tree, *zip(*((link.mass, link.centre_of_mass, link.inertia) for link in arm.links)))

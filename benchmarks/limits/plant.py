@@ -10,13 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.workspace.arm import Arm
+from benchmarks.workspace.arm import PERIOD, Arm
 from benchmarks.workspace.plants import MuJoCo
 
 __all__ = ["Stop", "TrueArm", "stiff"]
 
-#: A brake holds so many times the limit of its motor; a stop is so much stiffer than the joint's spring.
-BRAKES, STOP = 3.0, 20.0
+#: A brake holds so many times the limit of its motor; a stop is so much stiffer than the joint's spring, or has this
+#: stiffness at a joint without one, N·m/rad or N/m, and this damping of the light link alone.
+BRAKES, STOP, STOP_WITHOUT, STOP_DAMPING = 3.0, 20.0, 2e5, 0.3
+#: Largest share of a radian of a vibration that an integration step covers.
+COVERED = 0.25
 #: Vibration, rad/s, and its damping by which a joint without a spring is one with a spring, for laws and linear loops.
 RIGID, RIGID_DAMPING = 1e4, 0.5
 
@@ -46,15 +49,34 @@ class TrueArm(MuJoCo):
 
     def __init__(self, arm: Arm, backlash: float | np.ndarray = 0.0) -> None:
         super().__init__(arm)
+        self._sub_steps = self.sub_steps
         self.gap = 0.5 * np.broadcast_to(backlash, arm.n)[self.elastic]
-        self.braked, self.stop = False, None
+        self.braked, self._stop = False, None
         self.velocities, self.dry = self.data.qvel, self.model.dof_frictionloss
         self.springs = arm.stiffness[self.elastic]
         if np.any(self.gap):
             self.model.jnt_stiffness[self.twists] = 0.0
 
     braked: bool
-    stop: Stop | None
+    _stop: tuple[Stop, float, float] | None  # with its stiffness and damping
+
+    @property
+    def stop(self) -> Stop | None:
+        """The obstacle that is there. It is damped by what the link weighs where the arm is when it comes, and the
+        integration's steps resolve its vibration: one for a heavier link would throw a light one."""
+        return None if self._stop is None else self._stop[0]
+
+    @stop.setter
+    def stop(self, stop: Stop | None) -> None:
+        self._stop, steps = None, self._sub_steps
+        if stop is not None:
+            spring = self.arm.stiffness[stop.joint]
+            k = STOP * spring if np.isfinite(spring) else STOP_WITHOUT
+            light = 1.0 / np.linalg.inv(self.arm.inertia_matrix(self.read()[0]))[stop.joint, stop.joint]
+            steps = max(steps, int(np.ceil(np.sqrt(k / light) * PERIOD / COVERED)))
+            self._stop = stop, k, 2.0 * STOP_DAMPING * np.sqrt(k * light)
+        self.sub_steps = steps
+        self.model.opt.timestep = PERIOD / steps
 
     def rest(self, q: np.ndarray) -> None:
         """Start at rest with the links at q, each joint at the side of its gap that carries the weight."""
@@ -88,14 +110,12 @@ class TrueArm(MuJoCo):
     def _stopped(self) -> np.ndarray:
         """Torque of the stop on the links (n,): a damped spring that only pushes."""
         found = np.zeros(self.arm.n)
-        if self.stop is not None:
-            j, side = self.stop.joint, self.stop.side
-            rate = np.zeros(self.arm.n)
-            rate[:] = self.velocities[self.motors]
+        if self._stop is not None:
+            stop, k, damping = self._stop
+            j, side = stop.joint, stop.side
+            rate = self.velocities[self.motors].copy()
             rate[self.elastic] += self.velocities[self.twists]
-            deep = side * (self.read()[0][j] - self.stop.position)
+            deep = side * (self.read()[0][j] - stop.position)
             if deep > 0.0:
-                k = STOP * (self.arm.stiffness[j] if np.isfinite(self.arm.stiffness[j]) else 1e4)
-                d = 2.0 * 0.3 * np.sqrt(k * self.arm.inertia_matrix(self.arm.home)[j, j])
-                found[j] = -side * max(0.0, k * deep + d * side * rate[j])
+                found[j] = -side * max(0.0, k * deep + damping * side * rate[j])
         return found

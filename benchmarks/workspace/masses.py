@@ -20,7 +20,7 @@ from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, make_missing
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.design import Specification
-from flexhinf.design.workspace.masses import stated_masses
+from flexhinf.design.workspace.masses import stated_errors
 from flexhinf.design.workspace.pair_proof import largest_certificate
 from flexhinf.design.workspace.search import BANDWIDTHS, RANDOM, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -53,17 +53,17 @@ def row(robot: Robot) -> dict[str, Any]:
     proved = checked if isinstance(checked, CheckedPairs) else None
     found = smallest_unstable(pairs, len(robot.joint_names) > 1)
     setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
-    stated = stated_masses(setup)
+    stated = stated_errors(setup)
     return {
-        "small_gain": small_gain_tolerance(pairs).lower,
-        "grid": tolerance.sector.lower,
+        "small_gain": small_gain_tolerance(pairs).masses.lower,
+        "grid": tolerance.errors.masses.lower,
         "proved": None if proved is None else proved.lower,
         "intervals": None if proved is None else proved.intervals,
         "rate": None if proved is None else proved.rate,
         "found": found.size,
         "rates": np.sqrt(found.links).tolist(),
         "radius": found.radius,
-        "stated": [*stated.sector],
+        "stated": [*stated.errors.masses],
         "poses": stated.poses,
         "search": searched - begun,
         "check": done - searched,

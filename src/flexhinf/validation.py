@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from flexhinf.errors import InvalidInput, readable, refuse_if
 
@@ -187,7 +187,7 @@ def _unmasked(values: Sequence[Any]) -> Any:
     return filled
 
 
-def is_integer(value: Any) -> bool:
+def is_integer(value: object) -> TypeGuard[int]:
     """Whether this is an integer of Python or NumPy, and no bool."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 

@@ -111,6 +111,26 @@ def test_a_stop_is_in_the_way_of_a_link_on_one_side(elastic: Arm) -> None:
     assert 0.0 < ends[1.0] < 0.06
 
 
+def test_a_stop_throws_no_link_that_is_lighter_than_it_was_at_home(elastic: Arm) -> None:
+    """Inertia by which a link was heavy for a stop's damping: the arm comes back no faster than it came."""
+    springs = elastic.stiffness * [1.0, 1.0, 1.0, 300.0]
+    plant = TrueArm(damped(replace(elastic, stiffness=springs)))
+    plant.rest(elastic.home)
+    held = elastic.rest(elastic.home)[1]
+    steps, came, links = plant.sub_steps, 0.0, [plant.read()[0]]
+    for k in range(400):
+        if k == 100:
+            plant.stop = Stop(3, links[-1][3] + 1e-3, 1.0)
+            assert plant.sub_steps > steps
+        plant.advance(held + 0.3 * elastic.limit * np.eye(4)[3] * (k < 120))
+        links.append(plant.read()[0])
+    speeds = np.abs(np.diff(links, axis=0))
+    came = speeds[:110].max(axis=0)[3]
+    assert speeds[110:].max() < came
+    plant.stop = None
+    assert plant.sub_steps == steps
+
+
 def test_joints_without_springs_have_their_motors_at_the_links(elastic: Arm) -> None:
     """A very soft arm beside it: the link is where the motor is, and laws compute with a stiff spring."""
     rigid = elastic.stiffness.copy()

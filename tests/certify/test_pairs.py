@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +25,10 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import ModalLaw, pair_gains
 from flexhinf.modal.popov import (
+    EXACT,
     SYMMETRIC,
+    Errors,
+    Multipliers,
     PairStorages,
     SampledPairs,
     Sector,
@@ -45,56 +49,71 @@ def pairs():
 
 @pytest.fixture(scope="module")
 def found(pairs):
-    """Tolerance and certificate of symmetric errors."""
-    return largest_certificate(pairs, Sector(1.0, 1.0), lambda text: None)
+    """Tolerance and certificate of symmetric errors of masses."""
+    return largest_certificate(pairs, SYMMETRIC, lambda text: None)
 
 
-@pytest.mark.costs("searches and checks one proof, which all tests here read")
-def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found):
-    tolerance, numbers = found
-    assert 0.5 < tolerance.sector.lower < 1.0
-    checked = check_pairs(pair_claim(json.loads(json.dumps(numbers))))
-    assert isinstance(checked, CheckedPairs)
-    assert checked.low <= ENDS[0] < ENDS[1] <= checked.high
-    assert checked.lower >= 0.89 * tolerance.sector.lower
+#: λ at which springs err too; the whole range takes minutes.
+SOME = (200.0**2, 225.0**2)
+
+
+@pytest.fixture(scope="module")
+def sprung(pairs):
+    """The same at some λ, of springs that err by twice as much as masses."""
+    some = replace(pairs, gains=replace(pairs.gains, ends=SOME))
+    return largest_certificate(some, Errors(Sector(0.5, 0.5), Sector(1.0, 1.0)), lambda text: None)
+
+
+@pytest.mark.costs("searches and checks two proofs, which all tests here read")
+def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung):
+    for (tolerance, numbers), size, (low, high) in ((found, 0.5, ENDS), (sprung, 0.2, SOME)):
+        assert size < tolerance.errors.masses.lower < 1.0
+        checked = check_pairs(pair_claim(json.loads(json.dumps(numbers))))
+        assert isinstance(checked, CheckedPairs)
+        assert checked.low <= low < high <= checked.high
+        assert checked.lower >= 0.89 * tolerance.errors.masses.lower
+        assert checked.softer >= 0.89 * tolerance.errors.springs.lower
 
 
 @pytest.mark.oracle
+@pytest.mark.parametrize("springs", [EXACT, Sector(0.2, 0.3)])
 @pytest.mark.parametrize(("latency", "watched"), [(0, None), (2, None), (1, [0, 2]), (1, [2])])
-def test_search_and_checker_compute_the_same_game(pairs, latency, watched):
+def test_search_and_checker_compute_the_same_game(pairs, latency, watched, springs):
     """They share no code: A, Q and W of a pair agree, for a filter with links, and with motors alone."""
     seen = None if watched is None else np.eye(4)[watched]
     table = None if seen is None else np.random.default_rng(1).normal(size=(5, 4 * len(seen)))
     ends = (np.log(ENDS[0]) - 1.0, np.log(ENDS[1]) + 1.0)
     filter: Any = None if seen is None else SimpleNamespace(pair=(seen, table, ends))
     loop, link = SampledPairs(pairs.gains, latency, filter), 150.0**2
-    storages = PairStorages(loop, Sector(0.3, 0.5), 20.0, 0.4)
-    n = 6 + latency + 4 * (seen is not None)
+    errors, multipliers = Errors(Sector(0.3, 0.5), springs), Multipliers(20.0, 0.3, 0.1, 0.5, 0.7)
+    storages = PairStorages(loop, errors, multipliers, 0.4)
+    n = 6 + latency + 4 * (seen is not None) + (springs != EXACT)
     parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
     claim = pair_claim(claim_numbers(storages, parts))
     with checker._balls():
         checked = checker._loop(claim, arb(link), arb(0))
         values = [np.array([[float(e) for e in row] for row in part.parts[0].tolist()]) for part in checked]
-    for value, expected in zip(values, loop.worst_period(link, *(storages.sector, 20.0, 0.4))):
+    for value, expected in zip(values, loop.worst_period(link, errors, multipliers, 0.4)):
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def mixed_radius(pairs, links, error):
-    """Spectral radius of pairs λ (n,) with a symmetric error Δ (n, n) of their inverse inertia, by SciPy: the law
-    predicts with what the pairs should be."""
+def mixed_radius(pairs, links, error, springs=0.0):
+    """Spectral radius of pairs λ (n,) with symmetric errors Δ (n, n) of their inverse inertia, and E (n, n) of their
+    stiffness, by SciPy: the law predicts with what the pairs should be."""
     gains, n, h = pairs.gains, len(links), PERIOD
     kappa, beta, root = gains.motor, gains.damping, np.sqrt(links)
 
-    def moved(stiffness):
+    def moved(inverse, stiffness):
         zero, one = np.zeros((n, n)), np.eye(n)
-        a = np.block([[zero, one, zero, zero], [-stiffness, zero, stiffness, zero], [zero, zero, zero, one],
-                      [kappa * one, zero, -kappa * one, -beta * one]])  # fmt: skip
+        pulled, held = inverse @ stiffness, kappa * stiffness
+        a = np.block([[zero, one, zero, zero], [-pulled, zero, pulled, zero], [zero, zero, zero, one],
+                      [held, zero, -held, -beta * one]])  # fmt: skip
         b = np.vstack([zero, zero, zero, kappa * one])
         whole = expm(h * np.block([[a, b], [np.zeros((n, 5 * n))]]))
         return whole[: 4 * n, : 4 * n], whole[: 4 * n, 4 * n :]
 
-    true, entry = moved(np.diag(links) + root[:, None] * error * root)
-    known, own = moved(np.diag(links))
+    true, entry = moved(np.diag(links) + root[:, None] * error * root, np.eye(n) + springs)
+    known, own = moved(np.diag(links), np.eye(n))
     k, unit = gains(links)[:, :5], np.eye(7 * n)
     x, total, last, waiting = unit[: 4 * n], unit[4 * n : 5 * n], unit[5 * n : 6 * n], unit[6 * n :]
     integral = total + 0.5 * h * (last + x[:n])
@@ -105,16 +124,20 @@ def mixed_radius(pairs, links, error):
 
 
 @pytest.mark.oracle
-def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found):
+def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found, sprung):
     """By a second route to the loop of mixed pairs, which also confirms what the search of unstable ones says."""
-    size, rng = found[1]["lower"], np.random.default_rng(0)
-    for _ in range(60):
-        links = np.exp(rng.uniform(np.log(ENDS[0]), np.log(ENDS[1]), 3))
-        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        error = turn @ np.diag(size * rng.choice([-1.0, 1.0], 3) * rng.choice([1.0, 0.5], 3)) @ turn.T
-        radius = mixed_radius(pairs, links, error)
+    rng = np.random.default_rng(0)
+    for numbers, ends in [(found[1], ENDS)] * 60 + [(sprung[1], SOME)] * 60:
+        links = np.exp(rng.uniform(*np.log(ends), 3))
+        masses, springs = (
+            turn @ np.diag(size * rng.choice([-1.0, 1.0], 3) * rng.choice([1.0, 0.5], 3)) @ turn.T
+            for size in (numbers["lower"], numbers["softer"])
+            for turn in (np.linalg.qr(rng.normal(size=(3, 3)))[0],)
+        )
+        radius = mixed_radius(pairs, links, masses, springs)
         assert radius < 1.0
-        assert pairs.radius(links.tolist(), error) == pytest.approx(radius, abs=1e-7)
+        assert pairs.radius(links.tolist(), masses, springs) == pytest.approx(radius, abs=1e-7)
+    size = found[1]["lower"]
     unstable = smallest_unstable(pairs, mixed=False, count=20)
     (link,) = unstable.links
     assert size < unstable.size < 1.25 * size
@@ -137,7 +160,8 @@ def test_two_pairs_that_an_error_mixes_may_bear_less_than_one():
 
 def peak(numbers, link, pieces=6):
     """Largest eigenvalue of δ₁δ₂ AᴴA + ½(δ₂ − δ₁)(A + Aᴴ) + τ (R + Rᴴ) over frequencies, of the lifted response from
-    d to a and to its rate, in `pieces` of a period. Below 1 the inequality holds at λ. Of the file alone, by SciPy."""
+    d to a and to its rate, in `pieces` of a period. Below 1 the inequality holds at λ, springs are exact. Of the file
+    alone, by SciPy."""
     h, root = numbers["period"], np.sqrt(link)
     a, b, g = np.zeros((4, 4)), np.eye(4)[3] * numbers["input"], np.eye(4)[1] * root
     a[0, 1] = a[2, 3] = 1.0
@@ -185,14 +209,16 @@ def test_a_second_route_by_frequencies_finds_the_same_tolerance(found):
     tolerance, numbers = found
     links = np.geomspace(*ENDS, 12)
     assert max(peak(numbers, link) for link in links) < 1.0
-    beyond = {**numbers, "lower": 1.05 * tolerance.sector.lower, "upper": 1.05 * tolerance.sector.upper}
+    lower, upper = tolerance.errors.masses
+    beyond = {**numbers, "lower": 1.05 * lower, "upper": 1.05 * upper}
     assert max(peak(beyond, link) for link in links) > 1.0
 
 
-def test_a_sector_larger_than_the_tolerance_is_not_accepted(found):
-    tolerance, numbers = found
-    larger = {**numbers, "lower": 1.1 * tolerance.sector.lower, "upper": 1.1 * tolerance.sector.upper}
-    assert isinstance(check_pairs(pair_claim(larger)), int)
+def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung):
+    for (tolerance, numbers), kinds in ((found, (0, 1)), (sprung, (0, 1)), (sprung, (2, 3))):
+        names, sizes = ("lower", "upper", "softer", "stiffer"), tolerance.errors.numbers
+        larger = {**numbers, **{names[k]: min(0.99, 1.3 * sizes[k]) for k in kinds}}
+        assert isinstance(check_pairs(pair_claim(larger)), int)
 
 
 def forged(numbers, rng):
@@ -200,10 +226,20 @@ def forged(numbers, rng):
     file = copy.deepcopy(numbers)
     (one,) = file["intervals"]
     first, last = one["storages"]
-    kind = str(rng.choice(["sector", "rate", "law", "number", "entry", "sign", "scale", "range", "latency"]))
+    kinds = ["sector", "rate", "law", "number", "entry", "sign", "scale", "range", "latency"]
+    kind = str(rng.choice([*kinds, "springs", "multiplier", "weight"] if file["softer"] else kinds))
     factor = float(rng.choice([0.2, 0.4, 3.0, 10.0, 1e200]))
     if kind == "sector":
         file["lower"], file["upper"] = min(0.999, 1.3 * file["lower"]), rng.uniform(1.3, 9.0) * file["upper"]
+    elif kind == "springs":
+        file["softer"], file["stiffer"] = (
+            min(0.999, 1.4 * file["softer"]),
+            rng.uniform(1.4, 9.0) * file["stiffer"],
+        )
+    elif kind == "multiplier":
+        file[str(rng.choice(["spring_multiplier", "lift"]))] *= -float(rng.uniform(20.0, 1e3))
+    elif kind == "weight":
+        file[str(rng.choice(["twist_weight", "rate_weight"]))] *= float(rng.choice([1e-3, 1e2, 1e4]))
     elif kind == "rate":
         file["rate"] = float(rng.uniform(20.0, 1e3))
     elif kind == "law":
@@ -235,9 +271,15 @@ def damaged(numbers, rng):
 
 
 @pytest.mark.ci("checks hundreds of files")
-def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(found):
-    rng, kept = np.random.default_rng(3), {**found[1], "intervals": found[1]["intervals"][:1]}
+@pytest.mark.parametrize(("of", "count"), [("found", 9), ("sprung", 12)])
+def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(of, count, request):
+    numbers = request.getfixturevalue(of)[1]
+    rng, kept = np.random.default_rng(3), {**numbers, "intervals": numbers["intervals"][:1]}
     assert isinstance(check_pairs(pair_claim(kept)), CheckedPairs)
+    if of == "sprung":  # storages of a loop whose springs err are of another size than those of exact ones
+        for exact in ({"softer": 0.0, "stiffer": 0.0}, {"rate_weight": 0.0}):
+            with pytest.raises(InvalidInput, match="certificate"):
+                pair_claim({**kept, **exact})
     kinds = set()
     for _ in range(200):
         kind, file = forged(kept, rng)
@@ -247,7 +289,7 @@ def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(found):
                 pair_claim(file)
         else:
             assert isinstance(check_pairs(pair_claim(file)), int), kind
-    assert len(kinds) == 9
+    assert len(kinds) == count
     for _ in range(200):
         file = damaged(kept, rng)
         with pytest.raises(InvalidInput, match="certificate"):
@@ -258,7 +300,8 @@ def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(found):
 def test_a_payload_alone_leaves_a_larger_sector(pairs):
     """Links that are only heavier may be so by more than links that may also be lighter."""
     both, heavier = (
-        popov_tolerance(pairs, shape, 8).sector for shape in (Sector(1.0, 1.0), Sector(1.0, 0.0))
+        popov_tolerance(pairs, Errors(shape), 8).errors.masses
+        for shape in (Sector(1.0, 1.0), Sector(1.0, 0.0))
     )
     assert heavier.lower >= 0.99 * both.lower
     assert heavier.upper == 0.0
@@ -267,8 +310,8 @@ def test_a_payload_alone_leaves_a_larger_sector(pairs):
 @pytest.mark.costs("one more search")
 def test_symmetric_errors_may_be_larger_than_any(pairs, found):
     """Small gain is the case without a multiplier, and bears errors that lag."""
-    small = small_gain_tolerance(pairs, count=10).lower
-    assert 0.01 < small < 0.5 * found[0].sector.lower
+    small = small_gain_tolerance(pairs, count=10).masses.lower
+    assert 0.01 < small < 0.5 * found[0].errors.masses.lower
 
 
 @pytest.mark.oracle
@@ -286,11 +329,11 @@ def test_certificates_of_robots_hold_by_a_second_route(name, watched):
     numbers = json.loads(json.dumps(numbers))
     links = np.geomspace(*loop.gains.ends, 12)
     assert max(peak(numbers, link) for link in links) < 1.0
-    size = 1.05 * tolerance.sector.lower
+    size = 1.05 * tolerance.errors.masses.lower
     assert max(peak({**numbers, "lower": size, "upper": size}, link) for link in links) > 1.0
     if not watched:
         row = kept(ROWS, f"{name}.masses")
         assert row is not None
         assert [row["grid"], row["proved"]] == pytest.approx(
-            [tolerance.sector.lower, numbers["lower"]], rel=0.02
+            [tolerance.errors.masses.lower, numbers["lower"]], rel=0.02
         )

@@ -12,7 +12,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 from tests.builders import arm_controller, report_numbers
 from tests.design.test_campaign_metrics import check_by_signals
@@ -21,7 +20,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 import flexhinf.campaign
 from flexhinf import report
-from flexhinf.campaign import METHODS, Journal, run_batch
+from flexhinf.campaign import METHODS, Journal, Requirement, run_batch
 from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.manifest import read_sealed, sealed
@@ -29,8 +28,7 @@ from flexhinf.campaign.parquet import read_columns
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
 from flexhinf.design.design_file import meant_file, read_request
-from flexhinf.pages.campaign import display_scale
-from flexhinf.pages.campaign_parts import percent_text
+from flexhinf.pages.campaign_numbers import in_degrees, limit_text, percent_text, value_text
 
 pytest.importorskip("pyarrow")
 
@@ -66,13 +64,20 @@ def said(capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_a_page_has_the_angles_of_the_page_of_its_design() -> None:
-    settings = {"design angle_unit": "deg"}
-    judged: Any = SimpleNamespace(table=SimpleNamespace(journal=SimpleNamespace(settings=settings)))
-    assert display_scale(judged, "rad") == (pytest.approx(180.0 / np.pi), "°")
-    assert display_scale(judged, "rad/s")[1] == "°/s"
-    assert display_scale(judged, "V") == (1.0, "V")
+    settings, units = {"design angle_unit": "deg"}, {"link_position": "rad"}
+    table = SimpleNamespace(
+        journal=SimpleNamespace(settings=settings), unit=units.get, names=lambda kind: tuple(units)
+    )
+    judged: Any = SimpleNamespace(table=table)
+    assert in_degrees(judged)
+    units["slide_position"] = "m"  # no page of a design with a joint that slides has degrees
+    assert not in_degrees(judged)
+    del units["slide_position"]
     settings.clear()
-    assert display_scale(judged, "rad") == (1.0, "rad")
+    assert not in_degrees(judged)
+    shown = [value_text(0.01, unit, degrees) for degrees in (True, False) for unit in ("rad", "rad/s", "V")]
+    assert shown == ["0.573°", "0.573 °/s", "0.01 V", "10 mrad", "0.01 rad/s", "0.01 V"]
+    assert limit_text(Requirement("final_error", 0.01), "rad", degrees=True) == f"at most {shown[0]}"
 
 
 @pytest.mark.ci("a campaign, again after damage, and two replays")

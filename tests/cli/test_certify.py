@@ -107,7 +107,7 @@ def test_a_design_is_certified_and_its_certificate_checked(
         "sampled, %",
         " 99.9 ",
         "V smallest",
-        "85.9°",
+        "1.49 rad",  # as the pose is stated
         "nominal parameters",
     ):
         assert text in shown, text

@@ -48,7 +48,7 @@ def test_a_good_log_is_good_and_an_ill_one_has_a_page(
     numbers: dict[str, Any] = json.loads((folder / "checked" / "check.json").read_text(encoding="utf-8"))
     assert [(one["kind"], one["severity"]) for one in numbers["findings"]] == [("dead", "fault")]
     page = (folder / "checked" / "index.html").read_text(encoding="utf-8")
-    assert unnamed(page, 'id="findings"', 'id="signals"', "never changes") == []
+    assert unnamed(page, 'id="findings"', 'id="figure-signals"', "never changes") == []
 
 
 def test_a_doubt_ends_with_one(
@@ -93,3 +93,23 @@ def test_a_refused_log_is_a_fault_with_the_options_of_the_command_line(
 def test_a_mistake_is_one(folder: Path, refused: Callable[..., str]) -> None:
     refused(WORDS, "log.csv", folder)
     refused(["check", "log.csv"], "robot", folder)
+
+
+def test_columns_of_all_joints_are_named_by_one_option_each(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The advice to the letter, of a log whose columns are in another order than the joints."""
+    robot = fh.load_robot("planar-two-link")
+    times = 1e-3 * np.arange(2000)
+    u, y = (np.sin(np.outer(times, (3.0, 5.0)) + phase) for phase in (0.0, 1.0))
+    write_log(folder / "log.csv", ("u2", "q2", "u1", "q1"), times, u[:, 1], y[:, 1], u[:, 0], y[:, 0])
+    words = ["check", "log.csv", "--robot", "planar-two-link", "--no-model"]
+    assert main(words) == 2
+    said = " ".join(capsys.readouterr().out.split())
+    advised = shlex.split(said.partition("To try: ")[2].partition(", if")[0])
+    assert main([*words, *advised]) == 0
+    log = fh.read_log("log.csv", robot.plant(), dict(text.split("=") for text in advised[1::2]))
+    np.testing.assert_allclose(log.inputs, u)
+    np.testing.assert_allclose(log.outputs, y)
+    assert main([*words, *advised[:-1], "link_position=p#"]) == 2
+    assert unnamed(capsys.readouterr().out, "link_position", "2 columns", "p#") == []

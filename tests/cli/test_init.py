@@ -10,6 +10,7 @@ from tests.refusals import unnamed
 
 from flexhinf import load_robot
 from flexhinf.cli import main
+from flexhinf.robot.parts import RobotFileWarning
 
 URDF = """<robot name="arm"><link name="base"/>
 <link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
@@ -122,3 +123,75 @@ def test_motors_that_share_joints_are_coupled_as_their_transmission_says(
     Path("wrist.urdf").write_text(urdf_of("pitch", "roll", 1.0, shared), encoding="utf-8")
     assert main(["init", "wrist.urdf"]) == 0
     assert load_robot("wrist.toml").coupling == rows
+
+
+MJCF = """<mujoco><worldbody><body name="upper"><joint name="shoulder" axis="0 1 0" range="-90 90"/>
+<inertial pos="0 0 0.2" mass="3" diaginertia="0.02 0.02 0.01"/>
+<body name="fore" pos="0 0 0.4"><joint name="elbow" axis="0 1 0" range="-90 90"/>
+<inertial pos="0 0 0.15" mass="1.5" diaginertia="0.01 0.01 0.005"/></body></body></worldbody>
+<actuator>{}</actuator></mujoco>"""
+DC = """<dcmotor joint="shoulder" motorconst="0.06" resistance="1.2" gear="100" armature="2e-5" ctrlrange="-24 24"/>
+<dcmotor name="CSG-20-100" joint="elbow" motorconst="0.05" resistance="2" gear="100" saturation="1.2"/>"""
+
+
+@pytest.mark.parametrize(
+    ("words", "drive", "limits"),
+    [
+        ([], "voltage", (24.0, 48.0)),
+        (["--drive", "current"], "current", (20.0, 24.0)),
+        (["--drive", "torque"], "torque", (120.0, 120.0)),
+    ],
+)
+def test_dc_motors_of_an_mjcf_state_gears_rotors_and_constants(
+    words: list[str], drive: str, limits: tuple[float, float], folder: Path
+) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    Path("arm.xml").write_text(MJCF.format(DC), encoding="utf-8")
+    try:
+        mujoco.MjModel.from_xml_path("arm.xml")
+    except ValueError:
+        pytest.skip("an element that this MuJoCo does not have")
+    assert main(["init", "arm.xml", "--gear", "shoulder=csg-25-100", *words]) == 0
+    robot = load_robot("arm.toml")
+    assert (robot.drive, tuple(robot.effort_limits or ())) == (drive, limits)
+    assert robot["rotor_inertia_shoulder"].value == 2e-5
+    if drive != "torque":  # of a torque on the link side no gear is needed
+        assert [robot[f"{name}_elbow"].value for name in ("gear_ratio", "torque_constant")] == [100.0, 0.05]
+    # the option names the gear of one joint, the file that of the other
+    assert [robot[f"second_stiffness_{name}"].value for name in ("shoulder", "elbow")] == [5e4, 2.5e4]
+
+
+def test_a_gear_that_is_named_states_the_stiffness(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = urdf_of(
+        "a1", "a2", 1.0, '<transmission><joint name="a2"/><actuator name="CSG-20-100"/></transmission>'
+    )
+    Path("arm.urdf").write_text(text, encoding="utf-8")
+    assert main(["init", "arm.urdf", "--gear", "CSG-25-10"]) == 2
+    said = capsys.readouterr().err
+    assert unnamed(said, "CSG-25-10", "CSG-25-100") == []
+    assert main(["init", "arm.urdf", "--gear", "a3=CSG-25-100"]) == 2
+    assert unnamed(capsys.readouterr().err, "a3", "a1") == []
+    assert main(["init", "arm.urdf", "--gear", "a1=CSG-25-100"]) == 0
+    robot = load_robot("arm.toml")
+    assert "stiffness" not in robot.estimated
+    assert [robot[f"second_stiffness_{name}"].value for name in ("a1", "a2")] == [5e4, 2.5e4]
+
+
+def test_a_base_that_floats_stands_still_and_hands_move_what_one_motor_moves_alone(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco")
+    trunk = """<body name="trunk"><freejoint/><inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/><body name="upper">"""
+    rope = '<tendon><fixed name="rope"><joint joint="elbow" coef="1"/></fixed></tendon><actuator>'
+    text = MJCF.format('<motor joint="shoulder"/><motor tendon="rope"/>').replace("<actuator>", rope)
+    text = text.replace('<body name="upper">', trunk).replace("</worldbody>", "</body></worldbody>")
+    Path("dog.xml").write_text(text, encoding="utf-8")
+    assert main(["check", "dog.xml"]) == 1
+    assert "trunk" in capsys.readouterr().out
+    assert main(["init", "dog.xml"]) == 0
+    with pytest.warns(RobotFileWarning) as told:
+        assert load_robot("dog.toml").joint_names == ("shoulder", "elbow")
+    assert unnamed(" ".join(str(each.message) for each in told), "trunk", "motor") == []
+    Path("scene.xml").write_text('<mujoco><include file="dog.xml"/></mujoco>', encoding="utf-8")
+    assert main(["init", "scene.xml"]) == 2
+    assert unnamed(capsys.readouterr().err, "<include>", "dog.xml") == []

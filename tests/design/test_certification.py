@@ -175,11 +175,11 @@ def test_what_is_shown_of_a_bound_holds() -> None:
     given = replace(given, starts=(replace(CUBIC.starts[0], amplitude=0.49968),))
     shown = SimpleNamespace(certificate=given, limit=None, worst=(), attained=None)
     one = SimpleNamespace(steps=(), box=None)
-    values = [entry.value for entry in page._numbers(one, given)]  # type: ignore[arg-type]
+    values = [entry.value for entry in page._numbers(one, given, degrees=True)]  # type: ignore[arg-type]
     assert values == ["0.499 m", "≤ 2.001", "0.1246"]
-    assert " 0.0623 N²·s" in str(page._budget(shown))  # type: ignore[arg-type]
+    assert " 0.0623 N²·s" in str(page._budget(shown, degrees=False))  # type: ignore[arg-type]
     turned = replace(given, states=(Signal("position", "rad"),))
-    assert page._steps_text(turned).startswith("28.6°")
+    assert page._steps_text(turned, degrees=True).startswith("28.6°")
     assert region._amplitude_text(SimpleNamespace(  # type: ignore[arg-type]
         robot=SimpleNamespace(links=SimpleNamespace(slides=[False])), specification=SimpleNamespace(in_degrees=True)
     ), 1.1169999) == "63.9°"  # fmt: skip

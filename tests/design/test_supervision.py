@@ -8,10 +8,47 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.design.test_workspace_controller import deployed, made
 
 import flexhinf as fh
 from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.loop_setup import LoopSetup
+
+
+@pytest.mark.ci("searches weights")
+def test_a_design_of_a_pose_with_loud_sensors_counts_larger_swings(
+    setup_of: Callable[..., LoopSetup],
+) -> None:
+    setups = (
+        setup_of("planar-two-link", (0.5, -0.7), saturation=24.0, measurement_noise=1e-4, torque_noise=size)
+        for size in (1e-9, 1e-2)
+    )
+    quiet, loud = (setup.supervision.swing for setup in setups)
+    assert quiet is None
+    swing = np.asarray(loud)
+    assert (swing >= 0.2 * 24.0).all()
+    assert swing.max() > 0.3 * 24.0
+
+
+@pytest.mark.ci("steps a controller 3,000 times, twice")
+def test_noise_that_requirements_allow_is_no_limit_cycle() -> None:
+    """5 % of what a motor gives, rms: swings of ± 10 % are 4 standard deviations, and one followed the other."""
+    quiet = made(measurement_noise=8e-4**2)
+    setup = replace(quiet, random=tuple(10.0 * size for size in quiet.random))
+    at = np.asarray(setup.workspace.home)
+    share = setup.noise_spread(setup.linear(at))[0] / setup.authority
+    assert 0.04 < share.max() < 0.06
+    (x, u), one, said = setup.robot.operating_point(at), deployed(setup), []
+    rest = dict(zip(one.commanded, [*x, *u], strict=True))
+    run = setup.loop(one).run(rest, noise=setup.noise, duration=3.0, initial_state=x, seed=1)
+    for swing in (setup.supervision.swing, 0.2 * setup.authority):
+        one = deployed(setup, supervision=replace(setup.supervision, swing=swing))
+        bits = []
+        for y in run.signals["output"]:
+            one.step(y, [*x, *u])
+            bits.append(fh.Status.LIMIT_CYCLE in one.status)
+        said.append(any(bits))
+    assert said == [False, True]
 
 
 @pytest.mark.ci("searches weights")

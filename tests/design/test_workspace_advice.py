@@ -151,6 +151,29 @@ def test_other_limits_are_tried_first_and_named_where_nothing_cheaper_meets_all(
     assert found.left == ()
 
 
+def test_limits_that_the_design_keeps_are_judged_to_their_end(
+    robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A trial takes 12 looks at a clock: more than a design's time of 10, less than half as much more. What costs less
+    has no time then."""
+    lines, clock = [missed("remaining", 2.0), missed("corners", 2.0, field="gain_margin")], itertools.count()
+    design = fake(robot_of("planar-two-link"), lines, measurement_noise=1e-10)
+    room = advice.Change("a limit", {"remaining_error": "0.002"})
+    monkeypatch.setattr(advice, "limit_change", lambda made, margins=True: room)
+    monkeypatch.setattr(advice, "cpu_seconds", lambda: next(clock))
+
+    def designed(robot: Any, s: Any, progress: Any, watch: Any, like: Any, changed: Any) -> Any:
+        for _ in range(12):
+            watch(())
+        return SimpleNamespace(requirements=(), missed=())
+
+    monkeypatch.setattr(advice, "design_workspace", designed)
+    found = advise(design, 10.0)
+    assert [[*trial.change.fields] for trial in found.trials] == [["remaining_error"]]
+    assert found.found is not None
+    assert advise(design, 6.0).found is None
+
+
 def test_a_change_and_limits_that_its_design_would_keep_are_one_command(
     robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,7 @@ from flexhinf.design.responses import with_values
 @pytest.mark.ci("compiles two controllers, and integrates a wall's contact in Python")
 def test_an_elbow_that_a_wall_blocks_is_said_let_go_and_comes_back_slowly() -> None:
     """A wall of twenty times the spring's stiffness for half a second in mid-move, while the command goes on. One that
-    pushes on leaves it at three times its speed limit; an unknown load of half the motor's torque is no wall."""
+    pushes on, with up to the motor's 24 N·m, leaves it slowly too."""
     setup, speeds, pushes = made(peak_speed=4.0, saturation=24.0), [], []
     plan = fh.Waypoints([0.0, 1.5], [AWAY, (0.2, -0.6)], "quintic")
     numbers, flow = setup.true_plant.parameters.vector(), setup.true_plant.traced_flow
@@ -46,8 +46,8 @@ def test_an_elbow_that_a_wall_blocks_is_said_let_go_and_comes_back_slowly() -> N
         assert not any(said[:751])
         assert (one.path_rate < 1.0) == lets_go
         speeds.append(speed)
-    assert speeds[0] < 1.2 < speeds[1]
-    assert pushes[0] < 0.5 * pushes[1]
+    assert max(speeds) < 1.2
+    assert pushes[0] < 0.2 * 24.0 < 0.3 * 24.0 < pushes[1]
 
 
 @pytest.mark.ci("two controllers of two arms, which move with noise")

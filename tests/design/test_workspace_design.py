@@ -14,7 +14,7 @@ from tests import workspaces
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
-from flexhinf.design import WorkspaceEvidence, design_workspace, stages
+from flexhinf.design import PoseEvidence, WorkspaceEvidence, design_workspace, stages
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
 from flexhinf.design.workspace.design import check_loop
@@ -22,8 +22,10 @@ from flexhinf.design.workspace.samples import corner_moves
 from flexhinf.design.workspace.search import ChosenPoses, tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
+from flexhinf.pages.page import design_page
 from flexhinf.pages.workspace_summary import workspace_verdict
 from flexhinf.processors import limited_threads
+from flexhinf.report import Figure
 from flexhinf.robot.workspace import workspace_of
 
 Named = Callable[[str], Any]
@@ -150,6 +152,27 @@ def test_any_number_of_processes_makes_the_same_design(robot_of: Named) -> None:
             moves = [move.response.run.signals for move in (*evidence.moves, *evidence.sampled)]
             loops = evidence.loops, evidence.corner_loops, evidence.undamped
             found.append((excess, loops, moves, evidence.requirements, evidence.look_beyond()))
+    np.testing.assert_equal(*found)
+
+
+@pytest.mark.ci("designs for a pose twice")
+def test_any_number_of_processes_makes_the_same_design_of_a_pose(robot_of: Named) -> None:
+    wanted, found = fh.Specification(pose=np.pi / 2, start=0.0, measured=("motor_position",), draws=2), []
+    for count in (1, 2):
+        with limited_threads(count):
+            evidence = fh.design(robot_of("paper"), wanted).evidence
+            assert isinstance(evidence, PoseEvidence)
+            noise, corners = evidence.synthesis.noise_search, evidence.evaluation.corners
+            assert noise is not None
+            assert corners is not None
+            levels = noise.chosen.levels.link_velocities, noise.chosen.levels.motor_velocities
+            figures = [
+                block
+                for part in design_page(evidence, ["flexhinf"]).sections
+                for block in part.blocks
+                if isinstance(block, Figure)
+            ]
+            found.append((levels, noise.count, [each.rates for each in corners.swept], figures))
     np.testing.assert_equal(*found)
 
 

@@ -9,7 +9,7 @@ from benchmarks.workspace.robots import ROBOTS
 
 from flexhinf.design import Specification
 from flexhinf.design.responses import with_values
-from flexhinf.design.workspace.masses import POSES, largest_masses, stated_masses
+from flexhinf.design.workspace.masses import POSES, largest_masses, stated_errors
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import Sector
@@ -42,9 +42,11 @@ def errors(setup, plants, poses):
 @pytest.mark.costs("the law of a robot")
 def test_masses_in_per_cent_hold_at_poses_that_nobody_looked_at(setup):
     """Of 5 % of every mass, all upwards or downwards, both ends are nearly reached; moments of inertia are exact."""
-    stated, robot = stated_masses(setup), setup.true.robot
-    assert (stated.poses, stated.sector) == (0, pytest.approx((1.0 - 1.0 / 1.05, 1.0 / 0.95 - 1.0)))
-    assert "stiffness" in stated.others
+    stated, robot = stated_errors(setup), setup.true.robot
+    assert (stated.poses, stated.errors.masses) == (0, pytest.approx((1.0 - 1.0 / 1.05, 1.0 / 0.95 - 1.0)))
+    assert "stiffness" not in stated.others
+    (share,) = {p.tolerance / 100.0 for p in robot.uncertain if p.name.startswith("stiffness")}
+    assert stated.errors.springs == pytest.approx((share, share))
     rng = np.random.default_rng(5)
     masses = [p.name for p in robot.uncertain if p.name.startswith("mass")]
     corners = [
@@ -53,10 +55,10 @@ def test_masses_in_per_cent_hold_at_poses_that_nobody_looked_at(setup):
     ]
     plants = [with_values(setup.true_plant, values) for values in corners]
     low, high = errors(setup, plants, setup.workspace.sample(10, 99))
-    assert -low <= stated.sector.lower + 1e-9
-    assert high <= stated.sector.upper + 1e-9
-    assert -low > 0.9 * stated.sector.lower
-    assert high > 0.9 * stated.sector.upper
+    assert -low <= stated.errors.masses.lower + 1e-9
+    assert high <= stated.errors.masses.upper + 1e-9
+    assert -low > 0.9 * stated.errors.masses.lower
+    assert high > 0.9 * stated.errors.masses.upper
 
 
 @pytest.mark.costs("two robots at many poses")
@@ -68,9 +70,9 @@ def test_the_largest_payload_is_that_which_reaches_the_end_of_the_sector(setup):
     assert largest.tolerance == pytest.approx(1.0 / 3.0)
     for share, within in ((0.999, True), (1.01, False)):
         text = f"0..{share * largest.payload}kg"
-        stated = stated_masses(replace(setup, other=carrying(text)))
+        stated = stated_errors(replace(setup, other=carrying(text)))
         assert stated.poses == POSES
-        assert (stated.sector.lower <= sector.lower) == within
+        assert (stated.errors.masses.lower <= sector.lower) == within
     none = largest_masses(setup, sector, setup.true.robot)
     assert np.isnan(none.payload)
     assert largest_masses(setup, Sector(0.0, 0.5), carrying("1kg")).payload == 0.0

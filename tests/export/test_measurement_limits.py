@@ -173,11 +173,11 @@ def test_those_of_a_robot() -> None:
     rows = dict(zip(made.measured, np.transpose(made.measurement_limits).tolist(), strict=True))
     noise = 6e-4
     low, high, rate = rows["link_position_quill"]
-    assert (low, high) == pytest.approx((-0.018 - noise, 0.198 + noise))  # a tenth of the range more
+    assert (low, high) == pytest.approx((-0.009 - noise, 0.189 + noise))  # a twentieth of the range more
     assert rate == pytest.approx(2.0 + math.sqrt(2.0) * noise / 1e-3)  # twice the speed
     twist = 2.0 * 100.0 / arm["stiffness_elbow"].interval[0] + noise  # at the controller's limit, N·m
     assert rows["motor_position_elbow"] == pytest.approx(
-        [-3.0 - twist, 3.0 + twist, 12.0 + math.sqrt(2.0) * 0.6]
+        [-2.75 - twist, 2.75 + twist, 12.0 + math.sqrt(2.0) * 0.6]
     )
     assert rows["motor_velocity_wrist"] == pytest.approx([-20.0 - noise, 20.0 + noise, math.inf])
     assert with_measurement_limits(made, None) is made  # it has limits of its own

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from tests.identification.test_likelihood import plain_likelihood, sought
-from tests.logs import PERIOD, TRUE, arm_log, linear_log, oscillator, share
+from tests.logs import PERIOD, TRUE, arm_log, linear_log, oscillator, recorded, share
 from tests.refusals import refused_with, unnamed
+from tests.robot.test_coupling import belt
 from tests.tiers import ci_and_night
 
 import flexhinf as fh
+from flexhinf.errors import InvalidInput
 from flexhinf.identification.identify import searched
+from flexhinf.identification.unknowns import Unknowns, robot_numbers
+from flexhinf.robot import Parameter
 
 WRONG = {"stiffness": 55.0, "damping": 0.3, "gain": 1.0}
 
@@ -218,3 +222,32 @@ def test_intervals_hold_the_truth_as_often_as_they_say(logs):
     least, most = share(np.size(inside))
     assert least <= shares.mean() <= most, shares
     assert shares.min() > (0.9 if logs > 60 else 0.8)  # among 60, 90 % have a standard deviation of 4 %
+
+
+@pytest.mark.ci("filters a log of two joints for each of two numbers, several times")
+def test_springs_behind_a_coupling_are_found_from_the_motors_alone(tmp_path):
+    """A belt on a table: each motor's angle is that of both links, and of its own spring."""
+    robot = belt(tmp_path, gravity="0.0")
+    times = 1e-3 * np.arange(500)
+    torques = [25.0 * np.sin(3.0 * times) + 15.0 * np.sin(40.0 * times), 20.0 * np.sin(55.0 * times)]
+    log = recorded(robot.plant("motor_position"), np.stack(torques, 1), noise=1e-5)
+    true = {name: robot.nominal[name] for name in ("stiffness_shoulder", "stiffness_elbow")}
+    wrong = robot.with_values({name: 1.3 * value for name, value in true.items()})
+    found = fh.identify(wrong, log, tuple(true), measured="motor_position")
+    for name, value in true.items():
+        low, high = found.intervals[name]
+        assert low - (high - low) < value < high + (high - low)
+        assert found.standard_errors[name] < 0.01 * value
+
+
+def test_corners_of_a_curve_in_the_wrong_order_are_refused():
+    """The likeliest numbers of a log whose torques pass neither may be any."""
+    curve = {"first_stiffness": 60.0, "second_stiffness": 90.0, "third_stiffness": 120.0}
+    curve |= {"first_torque": 3.0, "second_torque": 8.0}
+    robot = fh.load_robot("paper").with_parameters(*(Parameter(name, x) for name, x in curve.items()))
+    numbers = robot_numbers(robot, ("first_torque", "second_torque"))
+    unknowns = Unknowns(robot.plant(), robot, numbers, sought(linear_log(1, count=10))[1].noises)
+    unknowns.check_corners(np.array([3.0, 8.0]))
+    for corners in ([8.0, 3.0], [3.0, 3.0]):
+        with refused_with(InvalidInput, "first_torque", "second_torque", "joint", *map(round, corners)):
+            unknowns.check_corners(np.array(corners))

@@ -8,6 +8,7 @@ from scipy.linalg import expm
 from tests.logs import PERIOD, TRUE, linear_log, oscillator
 
 import flexhinf as fh
+from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.identification.defaults import default_filter, measurement_variances
 from flexhinf.identification.likelihood import Likelihood
 from flexhinf.identification.recursion import rows_of
@@ -60,7 +61,7 @@ def test_the_likelihood_is_that_of_the_filtered_log():
     rng = np.random.default_rng(5)
     log = 1e-3 * np.arange(200), rng.normal(size=(200, 1)), 1e-3 * rng.normal(size=(200, 2))
     log[2][::3, 1] = np.nan
-    filter = default_filter(plant, *log, form="covariance")
+    filter = default_filter(plant, *log, ExtendedKalmanFilter, form="covariance")
     unknowns = Unknowns(plant, None, plant_numbers(plant, ["stiffness"]), Noises.of(filter, None, False))
     likelihood = Likelihood(filter, rows_of(*log, filter.period), 1)
     value = likelihood.evaluate(*unknowns.model(unknowns.start)).value

@@ -14,7 +14,7 @@ from tests.refusals import unnamed
 from flexhinf.design import Comparison
 from flexhinf.design.pipeline import ComparedLaw
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table
+from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table, unit_of
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 
@@ -100,6 +100,26 @@ def test_what_misses_a_limit_has_its_numbers_and_nothing_is_said_to_be_met(
     assert page.html().count(reason) >= 2  # in its row, and in a note
     assert "pd" in next(iter(page.sections)).html()
     assert [note for note in comparison_notes(found) if note.startswith("pd ")] or "pd" not in missing
+
+
+def test_a_ranking_by_inputs_that_no_motor_limits_says_so_first(
+    report_comparison: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise of 2,547,386 mV and a green “met” were on a page of a robot without limits."""
+    found = with_costs(report_comparison, **{"nl-hinf": 1.0, "pd": 2.0})
+    noise = next(metric for group in METRICS.values() for metric in group if metric.key == "input_noise")
+    assert (unit_of(noise, found), cell(noise, 0.0042, found)) == ("mV", "4.20")
+    assert "--peak-effort" not in comparison_verdict(found)
+    law = found.row("nl-hinf").evaluation
+    assert law is not None
+    monkeypatch.setitem(
+        vars(law), "metrics", {**law.metrics, "step_peak_input": 9840.0, "input_noise": 2547.386}
+    )
+    assert (unit_of(noise, found), cell(noise, 2547.386, found)) == ("V", "2547")
+    first, _, others = comparison_verdict(found).partition(". ")
+    assert unnamed(first, "nl-hinf", 9.84) == []
+    assert unnamed(others, "--peak-effort", "loses") == []
+    assert {"risky"} <= {status.kind for status in comparison_page(found, ["flexhinf"]).status} - {"met"}
 
 
 def test_the_file_is_finite_or_null_and_keeps_its_keys(report_comparison: Comparison) -> None:

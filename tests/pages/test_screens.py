@@ -34,6 +34,8 @@ DESIGNS: dict[str, tuple[str, dict[str, Any]]] = {
 COMMANDS = {
     "design": "design paper --pose 90deg --draws 20 --out design",
     "run": "run design --mujoco --no-realtime --duration 2s --out run",
+    "checked robot": "check planar-two-link --out checked_robot",
+    "checked log": "check run/run.csv --robot paper --out checked_log",
     "estimate": "estimate run/run.csv --robot design --out estimate",
     "identify": "identify run/run.csv --robot paper --parameters stiffness,friction --out identify",
     "campaign": "campaign design --samples 40 --out campaign",
@@ -64,14 +66,14 @@ def page_of(folder: Path, request: pytest.FixtureRequest) -> Any:
     """The file of a page by its kind, made when it is first asked for."""
 
     def of(kind: str) -> Path:
-        path = folder / kind / "index.html"
+        path = folder / kind.replace(" ", "_") / "index.html"
         if path.exists():
             return path
         if kind == "comparison":
-            write_report(request.getfixturevalue("report_comparison"), folder / kind)
+            write_report(request.getfixturevalue("report_comparison"), path.parent)
         elif kind in DESIGNS:
             robot, fields = DESIGNS[kind]
-            write_report(fh.design(fh.load_robot(robot), Specification(**fields)), folder / kind)
+            write_report(fh.design(fh.load_robot(robot), Specification(**fields)), path.parent)
         elif kind == "certificate":
             path.parent.mkdir()
             proved_degree, evidence = map(request.getfixturevalue, ("proved_degree", "evidence"))
@@ -86,7 +88,7 @@ def page_of(folder: Path, request: pytest.FixtureRequest) -> Any:
         else:
             if kind in ("run", "campaign", "pair"):
                 of("design")
-            if kind in ("estimate", "identify"):
+            if kind in ("estimate", "identify", "checked log"):
                 of("run")
             with pytest.MonkeyPatch.context() as patch:
                 patch.chdir(folder)

@@ -22,7 +22,7 @@ from flexhinf.design.responses import motion_metrics
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import holding_requirement
-from flexhinf.design.workspace.masses import StatedMasses
+from flexhinf.design.workspace.masses import StatedErrors
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.robustness import (
     LATEST,
@@ -35,7 +35,7 @@ from flexhinf.design.workspace.robustness import (
 from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
-from flexhinf.modal.popov import Sector
+from flexhinf.modal.popov import Errors, Sector
 from flexhinf.modal.unstable import UnstableError
 from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.page import files_section
@@ -184,7 +184,9 @@ def test_files_stand_in_the_order_of_their_numbers():
 def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolerated):
     (section,) = [part for part in made().sections if part.id == "tolerance"]
     text = text_of(section.html())
-    assert unnamed(text, "proved", "computed", *masses_text(tolerated.tolerance.sector).split()[:1]) == []
+    assert (
+        unnamed(text, "proved", "computed", *masses_text(tolerated.tolerance.errors.masses).split()[:1]) == []
+    )
     assert tolerated.proved.high == design.setup.law.gains.ends[1]
     part = tolerated._replace(proved=ProvedRange(70.0, 81.0, 3))
     assert unnamed(stability_text(design.setup, part.proved), "9 rad/s", "stable") == []
@@ -193,23 +195,33 @@ def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolera
 def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
     """Errors that hold the file's and that do not, stability alone of a part of the vibrations, and nothing."""
     low, high, setup = 70.0, design.setup.law.gains.ends[1], design.setup
-    stable, some = ProvedRange(low, high, 3), CheckedPairs(low, high, 0.2, 0.25, 0.0, 9)
+    stable, some = ProvedRange(low, high, 3), CheckedPairs(low, high, 0.2, 0.25, 0.15, 0.12, 0.0, 9)
     far = UnstableError(-0.4, (100.0,), 0.0, 1.0)
-    needed, more = (StatedMasses(Sector(*ends), 200, ("stiffness",)) for ends in ((0.1, 0.1), (0.5, 0.1)))
+    needed, more, stiffer = (
+        StatedErrors(Errors(Sector(*masses), Sector(*springs)), 200, ("friction",))
+        for masses, springs in (((0.1, 0.1), (0.1, 0.1)), ((0.5, 0.1), (0.1, 0.1)), ((0.1, 0.1), (0.1, 0.3)))
+    )
     for stated, checked, shown, kind, told in (
         (
             needed,
             some,
             stable,
             "proved",
-            ("Proved", "200 sampled", "0.8 to 1.25", "40 %"),
+            ("Proved", "200 sampled", "0.8 to 1.25", "40 %", "0.85 to 1.12"),
         ),
         (
             more,
             some,
             stable,
             "not proved",
-            ("20 %", "50 %", "Not proved", "dry friction", "stiffness"),
+            ("20 %", "50 %", "Not proved", "dry friction", "friction"),
+        ),
+        (
+            stiffer,
+            some,
+            stable,
+            "not proved",
+            ("12 %", "30 %", "Not proved", "stiffer"),
         ),
         (needed, None, ProvedRange(low, 81.0, 3), "not proved", ("9 rad/s", "Not proved")),
         (needed, None, ProvedRange(low, low, 0), "not proved", ("nothing",)),
@@ -397,7 +409,7 @@ def test_both_required_dampings_are_drawn(design):
 def test_the_numbers_of_the_page_are_in_its_file(design, tolerated):
     numbers = page.workspace_numbers(design)
     assert numbers["tolerated"]["louder"] == tolerated.louder
-    assert numbers["tolerated"]["tolerance"]["lower"] == tolerated.tolerance.sector.lower
+    assert numbers["tolerated"]["tolerance"]["lower"] == tolerated.tolerance.errors.masses.lower
     assert numbers["tolerated"]["proved"]["high"] == tolerated.proved.high
     assert np.array(numbers["tolerated"]["offsets"]) == pytest.approx(tolerated.offsets)
     assert len(numbers["goals"]) == 1 + len(design.moves)

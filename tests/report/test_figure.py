@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 import subprocess
 import sys
 
@@ -100,6 +101,36 @@ def test_a_wide_legend_takes_more_rows_rather_than_the_panels_room() -> None:
     legend = panel.get_legend()
     assert legend.get_window_extent().width <= figure.bbox.width
     assert panel.get_position().width > 0.8
+
+
+def test_a_long_name_does_not_make_a_legend_of_one_column() -> None:
+    figure, (panel,) = report.new_figure(1)
+    names = [
+        "predicted from the samples before",
+        "measured",
+        "95 % band",
+        "limits the level: r = 0",
+        "a",
+        "b",
+    ]
+    for name in names:
+        report.time_response(panel, TIME, TIME, name=name)
+    report.legend(panel)
+    texts = [text.get_text() for text in panel.get_legend().get_texts()]
+    assert [text.replace("\n", " ") for text in texts] == names
+    assert all(part in "|".join(texts) for part in ("95 %", "r = 0"))  # a formula stays on its line
+    assert max(text.count("\n") for text in texts) == 1
+    report.figure_to_svg(figure)
+    assert panel.get_legend().get_window_extent().height < len(names) * 1.2 * 12.8
+
+
+def test_a_label_beside_numbers_that_grow_with_the_layout_is_not_cut() -> None:
+    figure, (upper, lower) = report.new_figure(2, labels=[("link position", "rad"), ("motor voltage", "V")])
+    report.time_response(upper, TIME, np.linspace(1.4705, 1.576, 11))
+    report.time_response(lower, TIME, np.linspace(10.17, 12.24, 11))
+    feet = re.findall(r"rotate\(-90 ([-\d.]+) ", report.figure_to_svg(figure))
+    assert len(feet) == 2
+    assert min(map(float, feet)) > 0.8 * 12.8  # a line of text is as high
 
 
 def test_signals_of_other_lengths_are_refused() -> None:

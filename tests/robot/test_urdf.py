@@ -197,7 +197,7 @@ def test_a_massless_body_keeps_its_inertia(tmp_path):
 
 def test_elements_stand_once_and_numbers_of_other_programs_are_told(tmp_path):
     for tag in ("dynamics", "limit", "axis", "mimic", "origin"):
-        twice = ARM.replace('<child link="upper"/>', f'<child link="upper"/><{tag}/><{tag}/>')
+        twice = ARM.replace('<child link="upper"/>', f'<child link="upper"/><{tag}/><{tag} a="1"/>')
         refused(tmp_path / "arm.urdf", twice, f"<{tag}>.* 'shoulder'")
     text = ARM.replace('<child link="upper"/>', '<child link="upper"/><dynamics damping="1" K="7000"/>')
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
@@ -460,7 +460,23 @@ def test_what_vendors_leave_in_their_files_and_what_changes_nothing_is_read(urdf
         read_urdf(root, ["shoulder", "elbow"])
 
 
+def test_what_says_the_same_twice_or_in_other_words_is_read(urdf):
+    plain = read_urdf(read_xml(urdf), ["shoulder", "elbow"])
+    place = '<origin xyz="0 0 0.2" rpy="0.1 0 0"/>'
+    commas = place.replace("0 0 0.2", "0, 0, 0.2")
+    root = changed(
+        urdf,
+        (place, commas + commas),
+        ("</robot>", '<x:property name="width" value=".2" xmlns:x="http://www.ros.org/wiki/xacro"/></robot>'),
+    )
+    assert read_urdf(root, ["shoulder", "elbow"]).joints == plain.joints
+    with refused_with(InvalidInput, "<origin>", "2"):
+        read_urdf(changed(urdf, (commas + commas, commas + place)))
+
+
 def test_a_file_that_xacro_has_to_expand_is_refused(urdf):
+    with refused_with(InvalidInput, "xacro arm.xacro > arm.urdf", "optenv"):
+        read_urdf(changed(urdf, ('xyz="0 0 0.2"', 'xyz="$(optenv PLACE 0 0 0.2)"')))
     for inside in ('<x:include filename="a.xacro"/>', '<x:arm length="${2*a}"/>'):
         space = f'xmlns:x="http://www.ros.org/wiki/xacro">{inside}</g>'
         with refused_with(InvalidInput, "xacro arm.xacro > arm.urdf"):

@@ -22,6 +22,8 @@ from numbers import Integral
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
+from flexhinf.analysis.linear_loop import Modes
+from flexhinf.copies import shared_out
 from flexhinf.errors import refuse_if
 from flexhinf.plant.parameters import ParameterValues
 from flexhinf.robot.parameters import random_signs
@@ -273,22 +275,31 @@ def growth_rates(
     population, where they are known.
     """
     chosen = np.arange(len(population)) if plants is None else plants
-    vectors = _vectors(loop, population) if vectors is None else vectors
-    rates: list[GrowthRates] = []
-    equilibria, count, remaining = None, len(chosen), list(noises)
+    taken = (_vectors(loop, population) if vectors is None else vectors)[chosen]
+    count, remaining, parts = len(chosen), list(noises), list[list[ProcessNoise | None]]()
     while remaining:
         together = remaining[: max(1, ROWS // max(count, 1))]
-        part = list(itertools.takewhile(lambda noise: noise is not None, together)) or remaining[:1]
-        del remaining[: len(part)]
+        parts.append(list(itertools.takewhile(lambda noise: noise is not None, together)) or remaining[:1])
+        del remaining[: len(parts[-1])]
+
+    def grown(part: Sequence[ProcessNoise | None], near: np.ndarray | None) -> Modes:
         own = [noise.covariance(loop.step.states) for noise in part if noise is not None]
         # (n, n); (N, n, n) of several
         per_row = np.repeat(np.array(own), count, axis=0) if len(own) > 1 else own[0] if own else None
-        near = None if equilibria is None else np.tile(equilibria, (len(part), 1))
-        modes = loop.modes(np.tile(vectors[chosen], (len(part), 1)), per_row, near)
-        equilibria = modes.equilibrium[-count:]
-        rows = zip(part, modes.rate.reshape(len(part), count))
-        rates += [GrowthRates(noise, row, population.kinds[chosen], chosen) for noise, row in rows]
-    return tuple(rates)
+        return loop.modes(
+            np.tile(taken, (len(part), 1)), per_row, None if near is None else np.tile(near, (len(part), 1))
+        )
+
+    first = [grown(part, None) for part in parts[:1]]
+    later = shared_out(
+        lambda part: grown(part, first[0].equilibrium[-count:]).rate, parts[1:], compiles=False
+    )
+    rows = zip(parts, [*(modes.rate for modes in first), *later])
+    return tuple(
+        GrowthRates(noise, row, population.kinds[chosen], chosen)
+        for part, rates in rows
+        for noise, row in zip(part, rates.reshape(len(part), count))
+    )
 
 
 # Corners -----------------------------------------------------------------------------------------------

@@ -7,6 +7,8 @@ keeps them on disk, one file for each. This room knows no robot: plants come fro
 
 from __future__ import annotations
 
+# lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

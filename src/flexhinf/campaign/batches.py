@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from flexhinf import __version__
 from flexhinf.campaign.draws import (
     DIGITS,
     Draw,
+    DrawFunction,
     FunctionDraw,
     campaign_digest,
     fingerprint,
@@ -29,6 +29,7 @@ from flexhinf.campaign.metrics import (
     DIVERGED,
     NOT_RUN,
     UNSTABLE,
+    MetricsLike,
     chosen_metrics,
     is_unstable,
     stability_reduction,
@@ -36,12 +37,21 @@ from flexhinf.campaign.metrics import (
 from flexhinf.campaign.samples import Sample, SampleColumns, taken
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
-from flexhinf.loop.simulation.inputs import sample_count, starting_state
+from flexhinf.loop.simulation.inputs import (
+    EnsembleArguments,
+    RunOptions,
+    SampleOptions,
+    sample_count,
+    starting_state,
+)
 from flexhinf.plant import Plant
-from flexhinf.validation import is_integer, one_of, value_text
+from flexhinf.validation import checked_kind, is_integer, one_of, value_text
 
 #: Largest number of samples: the length of a Sobol sequence, and of a 32-bit counter.
 MOST_SAMPLES = 1 << 29
+
+#: Length of a run, by default, s.
+DURATION = 8.0
 
 #: Samples of a batch, by default and at most.
 BATCH, LARGEST_BATCH = 256, 65_536
@@ -80,9 +90,16 @@ class Column:
         return self.kind in ("metric", PART)
 
 
-@dataclass(eq=False)
 class Campaign:
     """Description of a campaign: everything that its samples depend on.
+
+    `loop`: with the nominal true plant; controller and estimator stay as they are.
+    `seed`: 0 … 2⁶³ − 1.
+    `options`: of `Loop.run`, for every sample.
+    `metrics`: see `chosen_metrics`.
+    `signals`: states that are kept at some instants, for bands; by default the tracked ones.
+    `batch`: samples of a batch. No sample depends on it.
+    `about`: further settings that are compared when the campaign continues, such as the specification of a design.
 
     `batches`: their number. `instants`, `time`: samples (T,) at which signals are kept, and their times, s; the first
     and the last of a run are among them.
@@ -91,43 +108,37 @@ class Campaign:
     the plant.
     """
 
-    loop: Loop  # With the nominal true plant; controller and estimator stay as they are
-    draw: Draw
-    samples: int
-    seed: int = 0  # 0 … 2⁶³ − 1
-    # Of `Loop.run`, for every sample: ``reference``, ``disturbance``, ``noise``, ``duration``, ``initial_state``,
-    # ``initial_input``, ``multi_turn``
-    options: Mapping[str, Any] = field(default_factory=dict)
-    metrics: Any = None  # See `chosen_metrics`
-    # States that are kept at some instants, for bands; by default the tracked ones
-    signals: Sequence[str] | None = None
-    batch: int = BATCH  # Samples of a batch. No sample depends on it
-    # Further settings that are compared when the campaign continues, such as the specification of a design
-    about: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        loop = self.loop
-        refuse_if(
-            not isinstance(loop, Loop),
-            "A campaign needs a loop.",
-            f"expected a Loop, got {value_text(loop)}",
-            "fh.Loop(plant, controller)",
-        )
-        if not isinstance(self.draw, Draw):
+    def __init__(
+        self,
+        loop: Loop,
+        draw: Draw | DrawFunction,
+        samples: int,
+        seed: int = 0,
+        options: RunOptions | None = None,
+        metrics: MetricsLike = None,
+        signals: Sequence[str] | None = None,
+        batch: int = BATCH,
+        about: Mapping[str, str] | None = None,
+    ) -> None:
+        checked_kind("A campaign needs a loop.", loop, Loop, "a Loop", "fh.Loop(plant, controller)")
+        if not isinstance(draw, Draw):
             refuse_if(
-                not callable(self.draw),
+                not callable(draw),
                 "The draw is no function.",
-                f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
+                f"expected a Draw or a function of a generator, got {value_text(draw)}",
                 "robot.draw, or flexhinf.campaign.Tolerances([...])",
             )
-            self.draw = FunctionDraw(self.draw)
-        check_counts(self.samples, self.seed, self.batch)
-        self.batches = -(-self.samples // self.batch)
-        self.options = {"duration": 8.0, **self.options}
+            draw = FunctionDraw(draw)
+        check_counts(samples, seed, batch)
+        self.loop, self.draw, self.samples, self.seed, self.batch = loop, draw, samples, seed, batch
+        self.batches, self.about = -(-samples // batch), about or {}
+        stated: RunOptions = options or {}
+        self.duration = stated.get("duration", DURATION)
+        self.options: RunOptions = {"duration": self.duration, **stated}
         tracked = loop.controller.judged
-        self.metrics = chosen_metrics(self.metrics, bool(tracked), loop.controller.doubts)
-        self.signals = tuple(tracked if self.signals is None else self.signals)
-        last = sample_count(self.options["duration"], loop.controller.period) - 1
+        self.metrics = chosen_metrics(metrics, bool(tracked), loop.controller.doubts)
+        self.signals = tuple(tracked if signals is None else signals)
+        last = sample_count(self.duration, loop.controller.period) - 1
         self.instants = np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
         self.time = self.instants * loop.controller.period
         names = [*OWN, *self._first.row(), *(name for metrics in self.metrics for name in metrics.units)]
@@ -140,10 +151,11 @@ class Campaign:
             "another name for the metric or the variable",
         )
         known = list(dict.fromkeys((*loop.true_plant.states, *loop.controller.measured)))
-        for name in self.signals or ():
+        for name in self.signals:
             one_of(f"There is no signal {name!r}.", name, known)
         if not self._first.failure and isinstance(loop.true_plant, Plant):
-            self.loop_of(self._first).prepared(**self._arguments(0, self._first))
+            first = self._first
+            self.loop_of(first).prepared(**self._options_of(first), seed=sample_seed(self.seed, 0))
 
     @cached_property
     def _first(self) -> Sample:
@@ -165,7 +177,7 @@ class Campaign:
                 for metric in self.metrics
                 for name, unit in metric.units.items()
             ),
-            *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
+            *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals),
         )
 
     def loop_of(self, sample: Sample) -> Loop:
@@ -181,11 +193,11 @@ class Campaign:
             plant = plant.with_parameters(**sample.parameters)
         return self.loop.with_plant(plant, sample.delay)
 
-    def _arguments(self, index: int, sample: Sample) -> dict[str, Any]:
-        own = dict(sample.options)
-        if "reference" in own:  # what a signal keeps of a run goes with the copy
-            own["reference"] = copy(own["reference"])
-        return {**self.options, **own, "seed": sample_seed(self.seed, index)}
+    def _options_of(self, sample: Sample) -> SampleOptions:
+        options: SampleOptions = {**self.options, **sample.options}
+        if "reference" in sample.options:  # what a signal keeps of a run goes with the copy
+            options["reference"] = copy(sample.options["reference"])
+        return options
 
     def sample(self, index: int) -> Sample:
         """The sample of this number; InvalidInput if there is none."""
@@ -205,19 +217,23 @@ class Campaign:
         for mode in dict.fromkeys(modes):
             some = [(index, sample) for index, sample, own in zip(indices, samples, modes) if own == mode]
             runs[mode] = (
-                (self.loop_of(sample).run(**self._arguments(k, sample)) for k, sample in some)
+                (
+                    self.loop_of(sample).run(**self._options_of(sample), seed=sample_seed(self.seed, k))
+                    for k, sample in some
+                )
                 if mode == ALONE
                 else self._recorder.trajectories(**self.plants(*zip(*some)))
             )
         yield from (next(runs[mode]) for mode in modes)
 
-    def plants(self, indices: Sequence[int], samples: Sequence[Sample]) -> dict[str, Any]:
+    def plants(self, indices: Sequence[int], samples: Sequence[Sample]) -> EnsembleArguments:
         """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds, starts and loads."""
         seeds = sample_seeds(self.seed, indices)
         if isinstance(samples, SampleColumns):
-            return {"seeds": seeds, **self._columns(samples)}
+            return self._columns(seeds, samples)
         plant = self.loop.true_plant
-        starts = [{**self.options, **sample.options}.get("initial_state") for sample in samples]
+        common = self.options.get("initial_state")
+        starts = [sample.options.get("initial_state", common) for sample in samples]
         inputs = [sample.options["initial_input"] for sample in samples if "initial_input" in sample.options]
         self._check_loads({name for sample in samples for name in sample.loads})
         loaded = self.options.get("disturbance") is not None or any(sample.loads for sample in samples)
@@ -232,7 +248,7 @@ class Campaign:
             "loads": np.array(loads) if loaded else None,
         }
 
-    def _columns(self, samples: SampleColumns) -> dict[str, Any]:
+    def _columns(self, seeds: np.ndarray, samples: SampleColumns) -> EnsembleArguments:
         """`plants` of samples that are columns already."""
         plant, states = self.loop.true_plant, samples.initial_states
         self._check_loads(samples.loads)
@@ -244,7 +260,7 @@ class Campaign:
             loads = np.ones((len(samples), len(plant.disturbances)))
             for name, column in samples.loads.items():
                 loads[:, plant.disturbances.index(name)] = column
-        return {"parameters": samples.parameters, "initial_states": states, "loads": loads}
+        return {"parameters": samples.parameters, "seeds": seeds, "initial_states": states, "loads": loads}
 
     def _check_loads(self, names: Iterable[str]) -> None:
         for name in names:
@@ -278,19 +294,21 @@ class Campaign:
         if not isinstance(self.loop.true_plant, Plant) or any(m.reduced is None for m in self.metrics):
             return None
         reductions = [reduction for metrics in self.metrics for reduction in metrics.reductions]
-        ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
+        ensemble = self._own_loop().ensemble(
+            **self.options, reductions=reductions, kept=self.signals, instants=self.instants
+        )
         return replace(ensemble, common=(*ensemble.common, stability_reduction(ensemble)))
 
     @cached_property
     def _recorder(self) -> Ensemble:
-        return self._ensemble()
+        return self._own_loop().ensemble(**self.options)
 
-    def _ensemble(self, **reduced: Any) -> Ensemble:
+    def _own_loop(self) -> Loop:
         loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
         loop.channel = self.loop.channel
-        return loop.ensemble(**self.options, **reduced)
+        return loop
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """State to pickle for other processes: compiled code is left out."""
         return {
             name: value
@@ -304,10 +322,9 @@ class Campaign:
         own = [m for m in self.metrics if m.function is not None and not is_library_code(m.function)]
         # controller, plant and the end of a short run distinguish two loops of the same description
         plant, controller = self.loop.true_plant, self.loop.controller
-        duration = min(PROBE * controller.period, float(self.options["duration"]))
-        run = self.loop_of(Sample()).run(
-            **{**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
-        )
+        duration = min(PROBE * controller.period, float(self.duration))
+        short: RunOptions = {**self.options, "duration": duration}
+        run = self.loop_of(Sample()).run(**short, seed=sample_seed(self.seed, 0))
         last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         return {
             "version": __version__,
@@ -323,7 +340,7 @@ class Campaign:
             ),
             "metrics": ", ".join(name for m in self.metrics for name in m.units),
             **{f"metric {', '.join(m.units)}": fingerprint(m.function) for m in own},
-            "signals": ", ".join(self.signals or ()),
+            "signals": ", ".join(self.signals),
             "period": repr(controller.period),
             "measured": ", ".join(controller.measured),
             "controller": number_hash(controller.data_vector),
@@ -340,22 +357,22 @@ class Campaign:
         )
 
 
-def check_counts(samples: Any, seed: Any, batch: Any) -> None:
+def check_counts(samples: object, seed: object, batch: object) -> None:
     """Check the number of samples, the seed and the batch size of a campaign; InvalidInput if one is out of range."""
     checked_integer("samples", samples, 1, MOST_SAMPLES, "10000")
     checked_integer("seed", seed, 0, 2**63 - 1, "0")
     checked_integer("batch", batch, 1, LARGEST_BATCH, str(BATCH))
 
 
-def checked_integer(name: str, value: Any, smallest: int, largest: int, example: str) -> int:
+def checked_integer(name: str, value: object, smallest: int, largest: int, example: str) -> int:
     """Return an integer between `smallest` and `largest`; anything else is refused with InvalidInput."""
-    refuse_if(
-        not is_integer(value) or not smallest <= int(value) <= largest,
+    if is_integer(value) and smallest <= int(value) <= largest:
+        return int(value)
+    raise InvalidInput(
         f"No such {name}." if name != "samples" else "The number of the campaign's samples is not usable.",
         f"expected an integer from {smallest} to {largest}, got {name}={value_text(value)}",
         f"{name}={example}",
     )
-    return int(value)
 
 
 #: Rows of some samples: columns (N,) by name; a kept signal (N, T) of 32 bits, NaN where it is not kept and after a run
@@ -450,7 +467,7 @@ def _fill_reduced(campaign: Campaign, columns: Rows, places: np.ndarray, result:
             columns[name][places] = np.where(result.completed, values[name], math.nan)
     kept = columns["sample"][places] < TRACED
     with np.errstate(over="ignore"):  # values of a diverging run become infinite in 32 bits
-        for k, name in enumerate(campaign.signals or ()):
+        for k, name in enumerate(campaign.signals):
             columns[TRACE + name][places[kept]] = result.kept[kept, :, k]
 
 
@@ -465,5 +482,5 @@ def _fill_run(campaign: Campaign, columns: Rows, place: int, run: Trajectory) ->
     if columns["sample"][place] < TRACED:
         at = campaign.instants[: np.searchsorted(campaign.instants, len(run.time))]
         with np.errstate(over="ignore"):
-            for name in campaign.signals or ():
+            for name in campaign.signals:
                 columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]

@@ -10,6 +10,10 @@ minor version of Python does. Code and objects of other packages, including flex
 sample shows their effect on a draw.
 """
 
+# Code and what it reads may hold objects of any type.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import dis
@@ -24,11 +28,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Protocol, TypeAlias, cast, overload, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from flexhinf.campaign.samples import Columns, Sample, SampleColumns, UniformColumns
+from flexhinf.arrays import Vector
+from flexhinf.campaign.samples import Columns, Numbered, Sample, SampleColumns, UniformColumns
 from flexhinf.codegen.noise import ARRAYS, philox, seed_key
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.notebook import StatedRepr
@@ -43,12 +49,12 @@ def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def is_library_code(function: Any) -> bool:
+def is_library_code(function: object) -> bool:
     """Whether a function is part of flexhinf, so that the version of flexhinf identifies its code."""
     return _package(_base(function)) == "flexhinf"
 
 
-def fingerprint(function: Any) -> str:
+def fingerprint(function: object) -> str:
     """Name of a function, and a digest of its code and of the values that it reads."""
     base = _base(function)
     return f"{_name(base)}, code {_hash(_Reader(_package(base)).text(function))[:16]}"
@@ -69,7 +75,7 @@ def campaign_digest(
     )
 
 
-def option_text(value: Any) -> str:
+def option_text(value: object) -> str:
     """An option of a run as text: a signal by its name, a user's function by its fingerprint."""
     match value:
         case Mapping():
@@ -80,21 +86,23 @@ def option_text(value: Any) -> str:
             return fingerprint(value)
         case StatedRepr() if not getattr(value, "name", ""):
             return f"{type(value).__qualname__} {fingerprint(value)}"
+        case _:
+            pass
     text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
     return str(type(value).__qualname__) if " at 0x" in text else text
 
 
-def _base(function: Any) -> Any:
+def _base(function: object) -> object:
     while isinstance(function, (functools.partial, types.MethodType)):
         function = function.func if isinstance(function, functools.partial) else function.__func__
     return function if hasattr(function, "__qualname__") else type(function)
 
 
-def _name(value: Any) -> str:
+def _name(value: object) -> str:
     return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', type(value).__qualname__)}"
 
 
-def _package(value: Any) -> str:
+def _package(value: object) -> str:
     return str(getattr(value, "__module__", None) or "").partition(".")[0]
 
 
@@ -103,10 +111,10 @@ class _Reader:
     """Converts values to text that is equal for equal values and equal code."""
 
     package: str
-    known: dict[int, str] = field(default_factory=dict)
-    kept: list[Any] = field(default_factory=list)  # keeps the value alive, so that its identity is not reused
+    known: dict[int, str] = field(default_factory=dict[int, str])
+    kept: list[object] = field(default_factory=list[object])  # alive, so that no identity is used again
 
-    def text(self, value: Any) -> str:
+    def text(self, value: object) -> str:
         match value:
             case None | bool() | int() | str() | bytes() | types.EllipsisType():
                 return repr(value)
@@ -114,13 +122,15 @@ class _Reader:
                 return f"{value:.{READ_DIGITS}g}"
             case np.generic():
                 return self.text(value.item())
+            case _:
+                pass
         if id(value) not in self.known:
             self.kept.append(value)
             self.known[id(value)] = f"inside {_name(type(value))}"  # for an object that contains itself
             self.known[id(value)] = _hash(self._part(value))
         return self.known[id(value)]
 
-    def _part(self, value: Any) -> str:
+    def _part(self, value: object) -> str:
         match value:
             case set() | frozenset():
                 return f"set {sorted(map(self.text, value))}"
@@ -142,10 +152,14 @@ class _Reader:
                 return f"built in {_name(value)}"
             case types.FunctionType() | type():
                 return self._function(value)
-        # An object: its class and its attributes, without cached properties. Objects of other packages may hold
-        # anything, addresses and rounding among it: they go by their class.
+            case _:
+                return self._object(value)
+
+    def _object(self, value: object) -> str:
+        """The class and its attributes, without cached properties. Objects of other packages may hold anything,
+        addresses and rounding among it: they go by their class."""
         kind = type(value)
-        content: dict[str, Any] = {}
+        content: dict[str, object] = {}
         if _package(kind) == self.package != "flexhinf":
             parts = [part for base in kind.__mro__ for part in vars(base).items()]
             cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
@@ -239,7 +253,11 @@ class Variable:
             "the distribution truncated-normal",
         )
 
-    def normal(self, deviations: Any) -> Any:
+    @overload
+    def normal(self, deviations: float) -> float: ...
+    @overload
+    def normal(self, deviations: Vector) -> Vector: ...
+    def normal(self, deviations: float | Vector) -> float | Vector:
         """The number so many standard deviations above the middle of the interval."""
         return 0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) / SIGMAS * deviations
 
@@ -293,12 +311,15 @@ class Draw(ABC):
         """Settings of the draw besides count and seed, as text by name; they are compared when a campaign continues."""
 
 
+#: Generator → parameters by name, or a `Sample`.
+DrawFunction: TypeAlias = Callable[[np.random.Generator], Mapping[str, ArrayLike] | Sample]
+
+
 @dataclass(frozen=True, eq=False)
 class FunctionDraw(Draw):
     """Samples that a function draws with a random generator, such as `flexhinf.Robot.draw`."""
 
-    # Generator → parameters by name, or a `Sample`
-    function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
+    function: DrawFunction
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> Sequence[Sample]:
         """Draw each sample with a generator of its own (Philox 4×64, the number of the sample in its counter).
@@ -307,8 +328,9 @@ class FunctionDraw(Draw):
         """
         if is_library_code(self.function):
             generators = cast("np.random.Generator", UniformColumns(seed, _FUNCTIONS, indices))
-            columns: Any = self.function(generators)
-            return SampleColumns(columns.numbers, columns)
+            columns = self.function(generators)
+            assert isinstance(columns, Numbered)  # of N robots at once: each value is an array
+            return SampleColumns(cast("Columns", columns.numbers), cast("Columns", columns))
         bit_generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
         values = [self.function(np.random.Generator(bits)) for bits in bit_generators]
         for value in values:

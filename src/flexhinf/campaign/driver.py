@@ -3,6 +3,9 @@ compute."""
 
 from __future__ import annotations
 
+# The package distributed has no types of what futures hold.
+# pyright: reportMissingTypeArgument=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# pyright: reportUnknownMemberType=false, reportUnknownParameterType=false, reportUnknownVariableType=false
 import multiprocessing
 import os
 import pickle
@@ -19,7 +22,7 @@ from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol, TypeVar, Unpack
 
 import numpy as np
 
@@ -34,14 +37,18 @@ from flexhinf.campaign.batches import (
     run_batch,
     run_batches,
 )
+from flexhinf.campaign.draws import Draw, DrawFunction
 from flexhinf.campaign.journal import Journal, disk_refusals
+from flexhinf.campaign.metrics import MetricsLike
 from flexhinf.campaign.results import MergedTable, labelled, merged
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.loop.simulation.inputs import RunOptions
 from flexhinf.processors import MOST_THREADS, limited_threads, set_threads, thread_count
 from flexhinf.validation import extra_package, unknown_name, value_text
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Future as DaskFuture
 
     from flexhinf.loop import Loop
 
@@ -63,16 +70,16 @@ DEATHS = 5
 
 MOST_WORKERS = 10_000
 
-#: Options of `Loop.run` that a campaign takes.
-_OPTIONS = (
-    "reference",
-    "disturbance",
-    "noise",
-    "duration",
-    "initial_state",
-    "initial_input",
-    "multi_turn",
-)
+
+class Pending(Protocol):
+    """A batch that another process runs."""
+
+    def result(self) -> Rows:
+        """Its rows, or the error that it raised."""
+        ...
+
+
+Submitted = TypeVar("Submitted", bound=Pending)
 
 
 def in_cluster(address: str) -> Executor:
@@ -83,7 +90,7 @@ def in_cluster(address: str) -> Executor:
     InvalidInput for an address of another form, or where `distributed` is not installed.
     """
     refuse_if(
-        not isinstance(address, str) or "://" not in address,
+        "://" not in str(address),
         "The address of the cluster cannot be read.",
         f"expected tcp://HOST:PORT, got {value_text(address)}",
         "tcp://localhost:8786, which `dask scheduler` prints",
@@ -97,16 +104,16 @@ def in_cluster(address: str) -> Executor:
         from distributed import CancelledError, Client, KilledWorker, as_completed  # type: ignore[import-not-found]
 
         try:
-            client: Any = Client(address, timeout=PATIENCE, set_as_default=False)
+            client: Client = Client(address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InvalidInput(
                 "The cluster does not answer.",
                 f"expected a scheduler at {address}, got {value_text(str(error))}",
                 "`dask scheduler` there, and `dask worker` with its address",
             ) from error
-        pending: dict[Any, int] = {}
+        pending: dict[DaskFuture, int] = {}
 
-        def submit(batch: int) -> Any:
+        def submit(batch: int) -> DaskFuture:
             future = client.submit(remote_batch, content, batch, __version__, pure=False)
             done.add(future)
             return future
@@ -117,7 +124,7 @@ def in_cluster(address: str) -> Executor:
                 submit,
                 lambda: [next(done)],
                 batches,
-                lambda: AHEAD * max(1, sum(client.nthreads().values())),
+                lambda: AHEAD * max(1, sum(client.nthreads().values())),  # pyright: ignore[reportAttributeAccessIssue]
                 pending,
             )
         except (CancelledError, KilledWorker, OSError) as error:
@@ -135,11 +142,11 @@ def in_cluster(address: str) -> Executor:
 
 
 def _as_done(
-    submit: Callable[[int], Any],
-    first_done: Callable[[], Iterable[Any]],
+    submit: Callable[[int], Submitted],
+    first_done: Callable[[], Iterable[Submitted]],
     batches: Sequence[int],
     most: Callable[[], int],
-    pending: dict[Any, int],
+    pending: dict[Submitted, int],
 ) -> Iterator[tuple[int, Rows]]:
     """Keep `most()` batches submitted, and yield each when it is done; `pending` holds those submitted and not done."""
     remaining = iter(batches)
@@ -332,7 +339,7 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     threads = max(1, thread_count() // workers)
     pool = ProcessPoolExecutor(workers, context, initializer=begin_worker, initargs=(threads,))
-    content, pending = pickle.dumps(campaign), {}
+    content, pending = pickle.dumps(campaign), dict[Future[Rows], int]()
     try:
         yield from _as_done(
             lambda batch: pool.submit(remote_batch, content, batch, __version__),
@@ -383,18 +390,18 @@ def begin_worker(threads: int) -> None:
 
 def run_campaign(
     loop: Loop,
-    draw: Any,
+    draw: Draw | DrawFunction,
     samples: int,
     *,
     seed: int = 0,
-    metrics: Any = None,
+    metrics: MetricsLike = None,
     signals: Sequence[str] | None = None,
     folder: str | os.PathLike[str] | None = None,
     workers: int = 0,
     threads: int | None = None,
     batch: int = BATCH,
     progress: Callable[[Report], None] = lambda report: None,
-    **options: Any,
+    **options: Unpack[RunOptions],
 ) -> xr.Dataset:
     """Run a loop with many true plants, its controller as it is.
 
@@ -446,8 +453,9 @@ def run_campaign(
     >>> data.sizes["sample"], bool((data.status == "completed").all())
     (20, True)
     """
-    if unknown := [name for name in options if name not in _OPTIONS]:
-        raise unknown_name(f"A campaign has no option {unknown[0]!r}.", unknown[0], _OPTIONS)
+    known = tuple(RunOptions.__annotations__)
+    if unknown := [name for name in options if name not in known]:
+        raise unknown_name(f"A campaign has no option {unknown[0]!r}.", unknown[0], known)
     if threads is not None:
         checked_integer("threads", threads, 1, MOST_THREADS, "4")
     campaign = Campaign(loop, draw, samples, seed, options, metrics, signals, batch)
@@ -467,7 +475,7 @@ def run_in_memory(
     progress: Callable[[Report], None] = lambda report: None,
 ) -> xr.Dataset:
     """All samples of a campaign, without a journal; the result of `run_campaign`."""
-    parts, done = {}, 0
+    parts, done = dict[int, Rows](), 0
     for index, rows in _run(executor, campaign, range(campaign.batches)):
         parts[index] = rows
         done += len(rows["sample"])

@@ -9,6 +9,11 @@ number. The manifest contains the settings that rows depend on, the columns and 
 digest. Its columns define how rows are written, checked, read and merged.
 """
 
+# pyarrow has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# pyright: reportUnknownMemberType=false, reportUnknownParameterType=false, reportUnknownVariableType=false
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 import errno
@@ -17,21 +22,40 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain, count, islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
 from flexhinf.campaign.batches import LARGEST_BATCH, OWN, TRACED, Campaign, Column, Rows
 from flexhinf.campaign.draws import Tolerances, sample_seeds
-from flexhinf.campaign.manifest import KIND, MOST_BYTES, UNREADABLE, check_manifest, read_sealed, sealed
+from flexhinf.campaign.manifest import (
+    KIND,
+    MOST_BYTES,
+    UNREADABLE,
+    About,
+    Manifest,
+    check_own_folder,
+    differing,
+    listed,
+    read_manifest,
+    read_sealed,
+    sealed,
+)
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
-from flexhinf.campaign.parquet import BATCH_FORMAT, TABLE_FORMAT, arrow_array, numpy_column, read_columns
+from flexhinf.campaign.parquet import (
+    BATCH_FORMAT,
+    TABLE_FORMAT,
+    arrow_array,
+    numpy_column,
+    read_columns,
+    row_schema,
+)
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import clear_parts, locked, make_durable, note_written, part_file
 from flexhinf.processors import in_threads
@@ -45,7 +69,13 @@ from flexhinf.validation import (
     value_text,
 )
 
+if TYPE_CHECKING:
+    from pyarrow import Schema, Table
+
 Stored = TypeVar("Stored")
+
+#: A sample's row without kept signals, by column; empty where its batch is not done.
+Row: TypeAlias = dict[str, int | float | str]
 
 
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
@@ -72,7 +102,7 @@ def publish_whole(name: str, path: Path) -> None:
 
 
 @contextmanager
-def disk_refusals(folder: Path) -> Iterator[None]:
+def disk_refusals(folder: Path) -> Generator[None]:
     """Turn errors of the disk within this block into errors in three parts."""
     try:
         yield
@@ -110,25 +140,6 @@ _GROUP = 65_536
 _LISTED = 8
 
 
-def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
-    """Refuse a path that is a file or below a file, or a folder that contains other names than these and hidden
-    ones."""
-    nearest = next(path for path in (place, *place.parents) if path.exists())
-    refuse_if(
-        not nearest.is_dir(),
-        f"A {what} needs a folder, and there is a file.",
-        f"got {nearest}",
-        "another name",
-    )
-    there = [path.name for path in place.iterdir()] if place.is_dir() else []
-    if strangers := sorted(name for name in there if name[:1] != "." and name not in names):
-        raise InvalidInput(
-            f"The folder holds something that is not a {what}, and is left alone.",
-            f"expected no folder, an empty one, or one with {', '.join(names)}; got {strangers[:3]} in {place}",
-            "another folder",
-        ) from None
-
-
 @dataclass(eq=False)
 class Journal:
     """The folder of one campaign with the entries of its manifest.
@@ -142,7 +153,7 @@ class Journal:
     columns: tuple[Column, ...]  # Of the shards
     time: np.ndarray  # (T,). Instants at which signals are kept, s
     command: Sequence[str] = ()  # Command that made the campaign, for the reports
-    about: Mapping[str, Any] = field(default_factory=dict)  # Further information from when it was made
+    about: About = field(default_factory=About)  # Further information from when it was made
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
@@ -153,8 +164,7 @@ class Journal:
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         try:
             with access_to(place / MANIFEST, place):
-                stated = read_sealed(place / MANIFEST, kind=KIND)
-            check_manifest(stated)
+                stated = read_manifest(place / MANIFEST)
         except (FileNotFoundError, NotADirectoryError):
             check_own_folder(place, "campaign", (MANIFEST, SHARDS, *beside))
             return None
@@ -191,7 +201,7 @@ class Journal:
         folder: str | os.PathLike[str],
         campaign: Campaign,
         command: Sequence[str] = (),
-        about: Mapping[str, Any] | None = None,
+        about: About | None = None,
     ) -> Journal:
         """Open the journal of a campaign in a folder: a new one, or the one there to continue.
 
@@ -205,12 +215,11 @@ class Journal:
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
-            manifest = {
-                **KIND,
+            manifest: Manifest = {
                 "digest": campaign.digest,
                 "command": list(command),
                 "settings": campaign.settings,
-                "about": dict(about or {}),
+                "about": about or {},
                 "columns": [[c.name, c.kind, c.unit] for c in campaign.columns],
                 "time_s": campaign.time.tolist(),
             }
@@ -219,7 +228,7 @@ class Journal:
             )
             with disk_refusals(place):
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
-                write_whole(place / MANIFEST, sealed(manifest))
+                write_whole(place / MANIFEST, sealed({**KIND, **manifest}))
             own = campaign.settings, campaign.digest, campaign.columns, campaign.time
             return Journal(place, *own, command, about or {})
         journal.refuse_campaign(campaign)
@@ -252,14 +261,14 @@ class Journal:
         self.samples, self._batch = int(self.settings["samples"]), int(self.settings["batch"])
         self.batches = -(-self.samples // self._batch)
         self.metrics = [column.name for column in self.columns if column.judged]
-        self._recent: dict[Path, Any] = {}
+        self._recent: dict[Path, Table] = {}
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
         return min(self._batch, self.samples - batch * self._batch)
 
     @contextmanager
-    def driven(self, part: str = "") -> Iterator[None]:
+    def driven(self, part: str = "") -> Generator[None]:
         """Lock the part, or the whole campaign, against other drivers for the block; InvalidInput if one is at work.
 
         The lock ends with its process, in any case. Drivers of different parts may work at the same time.
@@ -305,7 +314,7 @@ class Journal:
             )
         return path
 
-    def rows(self, path: Path, names: Sequence[str]) -> Any:
+    def rows(self, path: Path, names: Sequence[str]) -> Table:
         """Columns of a valid shard as an Arrow table; of one that was just written, from memory."""
         table = self._recent.get(path)
         return read_columns(path, names) if table is None else table.select(list(names))
@@ -468,31 +477,21 @@ class Journal:
                 return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {column[k]:g}"
         return ""
 
-    def _schema_of(self, batch: int) -> Any:
+    def _schema_of(self, batch: int) -> Schema:
         """Arrow schema of a batch; kept signals are lists."""
         return self._schema.with_metadata({"campaign": self.digest, "batch": str(batch)})
 
     @cached_property
-    def _schema(self) -> Any:
-        import pyarrow as pa
+    def _schema(self) -> Schema:
+        return row_schema(self.columns, len(self.time))
 
-        own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
-        own |= {c.name: pa.list_(pa.float32(), len(self.time)) for c in self.columns if c.kind == "trace"}
-        fields = [
-            pa.field(c.name, own.get(c.name, pa.float64()), metadata={"kind": c.kind, "unit": c.unit})
-            for c in self.columns
-        ]
-        return pa.schema(fields)
-
-    @property
-    def _table_schema(self) -> Any:
+    @cached_property
+    def _table_schema(self) -> Schema:
         """Arrow schema of the whole table, which has no kept signals."""
-        import pyarrow as pa
+        columns = [column for column in self.columns if column.kind != "trace"]
+        return row_schema(columns, 0).with_metadata({"campaign": self.digest})
 
-        kept = [self._schema.field(c.name) for c in self.columns if c.kind != "trace"]
-        return pa.schema(kept, {"campaign": self.digest})
-
-    def row(self, sample: int) -> dict[str, Any]:
+    def row(self, sample: int) -> Row:
         """The row of a sample, without kept signals; empty where its batch is not done."""
         batch, place = divmod(sample, self._batch)
         names = sorted((self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"))
@@ -503,13 +502,13 @@ class Journal:
                 return {name: numpy_column(column)[[place]].tolist()[0] for name, column in columns}
         return {}
 
-    def store(self, name: Path, content: Mapping[str, Any]) -> None:
+    def store(self, name: Path, content: Mapping[str, object]) -> None:
         """Write a sealed JSON file beside the rows, whole or not at all; infinite numbers and NaN become text.
 
         InvalidInput if another driver is at work; FlexhinfError if the disk is full.
         """
 
-        def plain(value: Any) -> Any:
+        def plain(value: object) -> object:
             match value:
                 case float() if not math.isfinite(value):
                     return str(value)
@@ -517,12 +516,13 @@ class Journal:
                     return {name: plain(entry) for name, entry in value.items()}
                 case list() | tuple():
                     return [plain(entry) for entry in value]
-            return value
+                case _:
+                    return value
 
         path = self.folder / name
         with self.driven(), disk_refusals(self.folder):
             path.parent.mkdir(exist_ok=True)
-            write_whole(path, sealed(plain(content)))
+            write_whole(path, sealed({key: plain(value) for key, value in content.items()}))
 
     def stored(self, name: Path, kind: type[Stored], most: int = MOST_BYTES) -> Stored:
         """Read a dataclass from a file of `store`, with a limit of its size; raises one of `UNREADABLE` for another
@@ -583,16 +583,3 @@ class Journal:
 
 def _first(problems: Mapping[str, bool]) -> str:
     return next((text for text, there in problems.items() if there), "")
-
-
-def differing(
-    a: Mapping[str, str], b: Mapping[str, str], names: Iterable[str], missing: str = "not stated"
-) -> list[tuple[str, str, str]]:
-    """Settings of these names that differ: name, value in `a`, value in `b`."""
-    pairs = [(name, a.get(name, missing), b.get(name, missing)) for name in dict.fromkeys(names)]
-    return [pair for pair in pairs if pair[1] != pair[2]]
-
-
-def listed(texts: Sequence[str], most: int = 6) -> str:
-    """The first `most` texts in one line, and how many more there are."""
-    return "; ".join([*texts[:most], *([f"{len(texts) - most} more"] if len(texts) > most else [])])

@@ -23,11 +23,12 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.arrays import Element, Elements
+from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
@@ -65,7 +66,8 @@ def is_unstable(run: Trajectory) -> bool:
     first, second = _windows([commands, run.signals["disturbance"]], len(run.time))
     if first == second:
         return False
-    kept, heights = [], []
+    kept: list[list[float]] = []
+    heights: list[float] = []
     for name in run.judged:
         command, position = commands[:, names.index(name)], run.tracked(name)
         heights.append(command[-1] - (command[0] if np.any(command != command[0]) else position[0]))
@@ -84,10 +86,10 @@ def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
     return (samples, samples) if moved else (still + steady // 3, still + 2 * steady // 3)
 
 
-def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
+def _update(places: Sequence[Place], kept: Elements, now: Instant) -> Elements:
     """Update the memory of `stability_reduction` with one sample: both windows, then five numbers of each state."""
     first, second = kept[0], kept[1]
-    updated = [first, second]
+    updated: list[Element] = [first, second]
     for k, place in enumerate(places):
         begun, low, high, last_low, last_high = kept[2 + 5 * k : 7 + 5 * k]
         position, channel = getattr(now, place.kind)[place.column], place.command
@@ -126,6 +128,10 @@ def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
         return np.any(wide & (away | (shared >= 0.5 * np.minimum(swing, last_swing))), axis=0)
 
 
+#: Trajectory → a number, or numbers by name.
+MetricFunction: TypeAlias = Callable[[Trajectory], float | Mapping[str, float | None] | None]
+
+
 @dataclass(frozen=True, eq=False)
 class Metrics:
     """Metrics of a run: a function with the names and units of its values."""
@@ -134,7 +140,7 @@ class Metrics:
     # Trajectory → numbers by name, or one number if there is one name; called for completed runs only. A value may be
     # infinite (of a run that never settles); None or NaN: the run has no such number.
     # None: the metrics exist in lanes only
-    function: Callable[[Trajectory], Any] | None
+    function: MetricFunction | None
     # The same numbers, (N,) by name, of N runs in lanes, without their signals. Without this function runs are made a
     # few at a time and their signals are stored
     reduced: Callable[[EnsembleResult], Mapping[str, np.ndarray]] | None = None
@@ -152,15 +158,17 @@ class Metrics:
                 "a draw of parameters, initial states and loads",
             )
         result = self.function(run)
-        if not isinstance(result, Mapping):
-            result = dict.fromkeys(self.units, result) if len(self.units) == 1 else {}
+        if isinstance(result, Mapping):
+            stated = result
+        else:
+            stated = dict.fromkeys(self.units, result) if len(self.units) == 1 else {}
         try:
-            values = {name: result[name] for name in self.units}
+            values = {name: stated[name] for name in self.units}
             return {name: math.nan if value is None else float(value) for name, value in values.items()}
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(
                 "A metric does not give numbers.",
-                f"expected a number for each of {list(self.units)}, got {value_text(result)}",
+                f"expected a number for each of {list(self.units)}, got {value_text(stated)}",
                 "a function of a Trajectory that returns a float",
             ) from error
 
@@ -223,7 +231,12 @@ def known_metric(name: str, known: Sequence[str]) -> str:
     return name
 
 
-def chosen_metrics(metrics: Any, tracked: bool, doubts: bool) -> tuple[Metrics, ...]:
+#: Names of standard metrics, `Metrics`, and functions by name: one of these, or several. None: the standard ones.
+MetricPart: TypeAlias = str | Metrics | Mapping[str, MetricFunction]
+MetricsLike: TypeAlias = MetricPart | Sequence[MetricPart] | None
+
+
+def chosen_metrics(metrics: MetricsLike, tracked: bool, doubts: bool) -> tuple[Metrics, ...]:
     """A campaign's metrics, from names, `Metrics`, functions by name, or a sequence of these; None: the standard
     ones, where a state is `tracked`, and `DOUBTFUL` where the estimator says when it `doubts`."""
     possible = (*((STANDARD,) if tracked else ()), *((DOUBTFUL,) if doubts else ()))
@@ -236,16 +249,21 @@ def chosen_metrics(metrics: Any, tracked: bool, doubts: bool) -> tuple[Metrics, 
     chosen = [replace(one, units=units) for one, units in some if units]
     chosen += [part for part in parts if isinstance(part, Metrics)]
     for part in [part for part in parts if not isinstance(part, (str, Metrics))]:
-        own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): None}
-        for name, function in own.items():
-            refuse_if(
-                not isinstance(name, str) or not name.isidentifier() or not callable(function),
-                "A metric needs a name and a function.",
-                f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
-                "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
-            )
+        if not hasattr(part, "items"):  # such as a function alone
+            raise _unnamed(getattr(part, "__name__", part))
+        for name, function in part.items():
+            if not callable(function) or not str(name).isidentifier():
+                raise _unnamed(name)
             chosen.append(Metrics({name: ""}, function))
     return tuple(chosen)
+
+
+def _unnamed(name: object) -> InvalidInput:
+    return InvalidInput(
+        "A metric needs a name and a function.",
+        f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
+        "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
+    )
 
 
 _REQUIREMENT = re.compile(r"\s*(\w+)\s*(<=|>=|≤|≥)\s*(\S+)\s*\Z")

@@ -1,18 +1,28 @@
 """Rows of a campaign as columns of Parquet files."""
 
+# pyarrow has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownParameterType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import NotReadable, access_to
 
+if TYPE_CHECKING:
+    from pyarrow import Array, ChunkedArray, Schema, Table
+
+    from flexhinf.campaign.batches import Column
+
 #: How the table is written, and a batch, whose numbers hardly get smaller by zstd, which takes half of the time: the
 #: same rows have the same bytes.
-TABLE_FORMAT: dict[str, Any] = {
+TABLE_FORMAT: dict[str, str | bool | list[str]] = {
     "compression": "zstd",
     "write_statistics": True,
     "use_dictionary": ["status", "failure"],
@@ -20,7 +30,7 @@ TABLE_FORMAT: dict[str, Any] = {
 BATCH_FORMAT = TABLE_FORMAT | {"compression": "lz4", "write_statistics": False}
 
 
-def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
+def read_columns(path: Path, names: Sequence[str] | None = None) -> Table:
     """Columns of a file as an Arrow table, all by default; InvalidInput if it cannot be read."""
     from pyarrow import ArrowException, parquet
 
@@ -37,7 +47,19 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
         ) from error
 
 
-def arrow_array(values: np.ndarray) -> Any:
+def row_schema(columns: Sequence[Column], instants: int) -> Schema:
+    """Arrow schema of rows with these columns; kept signals are lists of so many numbers."""
+    import pyarrow as pa
+
+    own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
+    own |= {c.name: pa.list_(pa.float32(), instants) for c in columns if c.kind == "trace"}
+    return pa.schema(
+        pa.field(c.name, own.get(c.name, pa.float64()), metadata={"kind": c.kind, "unit": c.unit})
+        for c in columns
+    )
+
+
+def arrow_array(values: np.ndarray) -> Array:
     """A column (N,), or (N, T) as lists, of Arrow; nothing stands where it is NaN."""
     import pyarrow as pa
 
@@ -50,7 +72,7 @@ def arrow_array(values: np.ndarray) -> Any:
     return pa.array(values, from_pandas=True)
 
 
-def numpy_column(column: Any) -> np.ndarray:
+def numpy_column(column: ChunkedArray) -> np.ndarray:
     """A column (N,), or (N, T) of lists; NaN for what is missing."""
     import pyarrow as pa
 

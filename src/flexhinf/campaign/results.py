@@ -6,20 +6,26 @@ The statistics were fixed before any result. A metric has the median of the diff
 sign test, and the fraction of pairs in which either is better. Success and failure have the exact test of McNemar.
 """
 
+# pyarrow has no types, and statistics of SciPy have none.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
-from flexhinf.campaign.journal import READERS, Journal, differing, listed
+from flexhinf.campaign.journal import READERS, Journal
+from flexhinf.campaign.manifest import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.campaign.parquet import numpy_column, read_columns
 from flexhinf.errors import InvalidInput, refuse_if
@@ -122,7 +128,11 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
         errors[out] = y[out] - _terms(z[out], kind) @ fit(~out)
     r_squared = float(1.0 - np.mean(errors**2) / np.var(y))
     coefficients = fit(slice(None))
-    first, total = _indices(lambda points: _terms(points, kind) @ coefficients, z)
+
+    def fitted(points: Matrix) -> Vector:
+        return _terms(points, kind) @ coefficients
+
+    first, total = _indices(fitted, z)
     order = np.argsort(-total, kind="stable")
     return Sensitivity(
         tuple(names[varied[int(k)]] for k in order),
@@ -143,7 +153,7 @@ def _terms(z: np.ndarray, kind: int) -> np.ndarray:
     return np.hstack(parts)
 
 
-def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _indices(function: Callable[[Matrix], Vector], z: Matrix) -> tuple[Vector, Vector]:
     """First and total Sobol indices (p,) of a function of points (N, p), its arguments distributed as the samples."""
     from scipy.stats import sobol_indices
 
@@ -154,14 +164,17 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     def quantiles(k: int, u: np.ndarray) -> np.ndarray:
         return ordered[np.minimum((np.asarray(u) * count).astype(int), count - 1), k]
 
+    def values(points: Matrix) -> Matrix:
+        return function(points.T)[None, :]
+
     indices = sobol_indices(
-        func=lambda points: function(points.T)[None, :],
+        func=values,
         n=BASE,
         rng=0,
         dists=[SimpleNamespace(ppf=partial(quantiles, k)) for k in range(z.shape[1])],
     )
     first, total = (
-        np.clip(np.ravel(values), 0.0, 1.0) for values in (indices.first_order, indices.total_order)
+        np.clip(np.ravel(order), 0.0, 1.0) for order in (indices.first_order, indices.total_order)
     )
     return first, np.where(np.isfinite(total), total, math.nan)
 
@@ -173,11 +186,14 @@ CACHED = 6
 class StoredColumns(Mapping[str, np.ndarray]):
     """Columns (N,) of a file by name, each read when it is used; the last `CACHED` ones stay in memory."""
 
-    def __init__(self, path: Any) -> None:
+    def __init__(self, path: Path) -> None:
         import pyarrow.parquet as pq
 
-        self.names = tuple(pq.read_schema(path).names)
-        self._read = lru_cache(CACHED)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
+        def read(name: str) -> np.ndarray:
+            return numpy_column(read_columns(path, [name]).column(name))
+
+        self.names: tuple[str, ...] = tuple(pq.read_schema(path).names)
+        self._read = lru_cache(CACHED)(read)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column; do not write into it."""

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, overload
+from typing import Protocol, TypeAlias, overload, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
+from flexhinf.loop.simulation.inputs import SampleOptions
 from flexhinf.plant import BlackBox, Plant
+
+
+@runtime_checkable
+class Numbered(Protocol):
+    """Parameters that say which numbers stand for them in a row: `flexhinf.Robot.draw` returns such ones."""
+
+    @property
+    def numbers(self) -> Mapping[str, float]:
+        """Numbers by the names of their columns."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,23 +29,25 @@ class Sample:
     """The plant and the circumstances of one sample."""
 
     # Parameters of the true plant that differ from the nominal ones (`Plant.with_parameters`)
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, ArrayLike] = field(default_factory=dict[str, ArrayLike])
     # Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
     # the campaign's
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: SampleOptions = field(default_factory=SampleOptions)
     # Numbers in the sample's row; by default the parameters, arrays element by element
     numbers: Mapping[str, float] | None = None
     plant: Plant | BlackBox | None = None  # A true plant of its own, for plants without parameters
     # Factors of the campaign's disturbance, by channel; 1 where none is named
-    loads: Mapping[str, float] = field(default_factory=dict)
+    loads: Mapping[str, float] = field(default_factory=dict[str, float])
     # Why the sample cannot be run, such as a robot that its motors cannot hold; it is then only counted
     failure: str = ""
     delay: int = 0  # Of the inputs, in samples, on top of the loop's own
 
     def row(self) -> dict[str, float]:
         """The varied numbers of the sample, by the names of their columns."""
-        stated = getattr(self.parameters, "numbers", None) if self.numbers is None else self.numbers
-        if isinstance(stated, Mapping):
+        stated = self.numbers
+        if stated is None and isinstance(self.parameters, Numbered):
+            stated = self.parameters.numbers
+        if stated is not None:
             return {name: float(value) for name, value in stated.items()}
         return {
             f"{name}_{k + 1}" if np.ndim(array) else name: float(value)
@@ -53,7 +67,9 @@ class SampleColumns(Sequence[Sample]):
     numbers: Columns  # (N,), the row of each
     parameters: Columns  # (N, …), those of the true plant
     initial_states: np.ndarray | None = None  # (N, n), of the true plant
-    loads: Columns = field(default_factory=dict)  # (N,), factors of the campaign's disturbance
+    loads: Columns = field(
+        default_factory=dict[str, np.ndarray]
+    )  # (N,), factors of the campaign's disturbance
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))

@@ -12,9 +12,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis.search import box_corners, climb
 from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
@@ -108,7 +108,7 @@ class WorstCase:
 def worst_case(
     campaign: Campaign,
     metric: str,
-    rows: Mapping[str, Any] | None = None,
+    rows: Mapping[str, ArrayLike] | None = None,
     *,
     least: bool = False,
     starts: int = STARTS,
@@ -219,7 +219,7 @@ def worst_case(
     return case
 
 
-def check_starts(starts: Any) -> None:
+def check_starts(starts: object) -> None:
     """Refuse a number of searches that is out of range."""
     checked_integer("starts", starts, 1, MOST_STARTS, str(STARTS))
 
@@ -234,7 +234,9 @@ def _box(campaign: Campaign) -> Tolerances:
     )
 
 
-def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str]) -> dict[str, np.ndarray]:
+def _columns(
+    campaign: Campaign, rows: Mapping[str, ArrayLike] | None, names: list[str]
+) -> dict[str, np.ndarray]:
     if rows is None:
         parts = [run_batch(campaign, batch) for batch in range(campaign.batches)]
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
@@ -252,7 +254,7 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
 ) -> list[EvaluatedPlant]:
-    box, plants = _box(campaign), []
+    box, plants = _box(campaign), list[EvaluatedPlant]()
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
         rows = rows_of(campaign, [noise] * len(some), [box.built(point, noise) for point in some])
@@ -299,7 +301,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 
 def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
-    cases = []
+    cases: list[WorstCase] = []
     for metric in journal.metrics:
         try:
             cases.append(stored_worst(journal, metric))

@@ -249,7 +249,10 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
     texts = [
         pages.campaign_verdict(judged),
         *filter(None, [pages.campaign_design(judged)]),
-        *(pages.worst_text(case) for case in [*missed, *(case for case in cases if case not in missed)]),
+        *(
+            pages.worst_text(judged, case)
+            for case in [*missed, *(case for case in cases if case not in missed)]
+        ),
         *(pages.gain_text(row, nominal) for row in gains.rows),
     ]
     _say(texts, len(again) + 2)

@@ -67,4 +67,5 @@ def _logged(o: options.CheckOptions, robot: Robot, columns: dict[str, str]) -> t
 
     every = [name for kind in SENSORS for name in signal_names(kind, robot.joint_names, robot.rigid)]
     present = signals_in(o.log, robot.plant(every))
-    return tuple(name for name in every if name in columns or name in present)
+    stated = [name for name in every for key in columns if name == key or name.startswith(f"{key}_")]
+    return tuple(name for name in every if name in stated or name in present)

@@ -353,9 +353,12 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     claim, file = result.certificate, folder / CERTIFICATE
     report.write(folder, {"index.html": html, CERTIFICATE: claim.text()})
     if o.verbose:
-        show(pages.certification_tables(laws), pages.certification_notes(laws))
+        show(
+            pages.certification_tables(laws, request.specification.in_degrees),
+            pages.certification_notes(laws),
+        )
         typer.echo(f"{theorem_text(claim, claim.stated)}\n")
-    tables, text = pages.certification_ending(laws, claim, verdict)
+    tables, text = pages.certification_ending(laws, claim, verdict, request.specification.in_degrees)
     show(tables)
     typer.echo(
         f"{text}\nreport:      {folder / 'index.html'}\ncertificate: {file}\n"

@@ -25,8 +25,8 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
 
     Then: flexhinf check arm.toml, and flexhinf design arm.toml.
     """
-    from flexhinf.robot.drive_text import LOOPS, loop_options
-    from flexhinf.robot.init_file import description_of, robot_file_text
+    from flexhinf.robot.drive_text import loop_options
+    from flexhinf.robot.init_file import description_of, drive_of, gears_named, robot_file_text
     from flexhinf.robot.template import template_text
 
     refuse_if(
@@ -36,16 +36,10 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
         "flexhinf init arm.urdf, or flexhinf init --joints 3",
     )
     refuse_if(
-        o.source and o.drive not in ("torque", *LOOPS),
-        "The motor's constants of a file with links are not known.",
-        f"expected --drive torque, velocity or position beside {value_text(o.source)}, got {o.drive}",
-        "torque_constant (and resistance, back_emf_constant) in [joint.motor] of the file that is written",
-    )
-    refuse_if(
-        o.joints and o.move,
+        o.joints and (o.move or o.gear),
         "A template has no joints to choose.",
-        f"got --move {', '.join(o.move)}",
-        "leave it out",
+        f"got {'--move ' + ', '.join(o.move) if o.move else '--gear ' + ', '.join(o.gear)}",
+        "leave it out" + ("" if o.move else "; gear = … in [[joint]] of the file that is written"),
     )
     path = checked_path("The description", o.source) if o.source else None
     out = o.out or Path("my-arm.toml" if path is None else f"{path.stem}.toml")
@@ -57,14 +51,16 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     )
     refuse_existing(out, o.force)
     changes: list[str] = []
+    drive = o.drive or "torque"
     if path is None:
-        text = template_text(o.joints, o.drive)
+        text = template_text(o.joints, drive)
     else:
         found = description_of(path, o.move)
         arm, changes = found.arm(), found.changes
-        drive = o.drive if o.drive in LOOPS else ""
-        rigid = too_fast(out, robot_file_text(found, arm, out, drive))
-        text = robot_file_text(found, arm, out, drive, rigid)
+        drive, gears = drive_of(arm, o.drive), gears_named(arm, o.gear)
+        rigid = too_fast(out, robot_file_text(found, arm, out, drive, (), gears))
+        rigid = tuple(name for name in rigid if name not in gears)
+        text = robot_file_text(found, arm, out, drive, rigid, gears)
         if rigid:
             names = ", ".join(map(repr, rigid))
             changes.append(
@@ -75,7 +71,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     for change in changes:
         note(change)
     typer.echo(
-        f"robot file: {out}\ncheck:  flexhinf check {out}\ndesign: flexhinf design {out}{loop_options(o.drive)}"
+        f"robot file: {out}\ncheck:  flexhinf check {out}\ndesign: flexhinf design {out}{loop_options(drive)}"
     )
 
 

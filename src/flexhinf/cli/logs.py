@@ -21,8 +21,16 @@ if TYPE_CHECKING:  # what computes is loaded by the command that needs it
     from flexhinf.design import DesignRequest
     from flexhinf.estimation.bounds import Bounds
 
+
+def _column_options(found: re.Match[str]) -> str:
+    """Several entries of a dictionary of columns, as options."""
+    entries = re.findall(r"'([^']*)': '([^']*)'", found[1])
+    return " ".join(f'--column "{signal}={column}"' for signal, column in entries)
+
+
 #: How what an error of `flexhinf.read_log` advises is written at the command line.
 _SYNTAX = (
+    (r"columns=\{('[^']*': '[^']*'(?:, '[^']*': '[^']*')+)\}", _column_options),
     (r"columns=\{'([^']*)': '?([^'}]*)'?\}", r'--column "\1=\2"'),
     (r"units=\{'([^']*)': '([^']*)'\}", r'--column "SIGNAL=\1 [\2]"'),
     (r"delays=\{'([^']*)': (\d+)\}", r"--sensor-delay \1=\2"),

@@ -31,7 +31,7 @@ else:  # the help of all commands takes no declaration of an option
 NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
 
 #: Endings of logs.
-LOG_ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mcap")
+LOG_ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".mcap")
 
 
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or

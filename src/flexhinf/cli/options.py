@@ -425,7 +425,8 @@ class LogOptions(ElasticOptions):
     column: list[Text] = option(list, LOGGED,
         "The column of a signal that has another name in the log: motor_position=pos. Add its unit, "
         "\"motor_position=pos [deg]\", or a factor to the SI unit, \"motor_position=counts [0.00153]\". "
-        "state.link_position is a true state, with which errors are compared. Repeat the option for more.",
+        "link_position=q# are q1, q2, … of all joints. state.link_position is a true state, with which errors are "
+        "compared. Repeat the option for more.",
         "motor_position=pos", "signal=column")
     time: Text = option("", LOGGED,
         "The column of times, if it is not called time, t, timestamp or stamp, or if its name has no unit: "
@@ -468,8 +469,12 @@ class InitOptions:
         "A joint that is to move; all others are locked. Repeat the option for more.", "shoulder", "name",
         default="all with a motor that follow no other one")
     joints: Whole = option(0, ROBOT, "A template of so many joints in a vertical plane, instead of a file.", "3")
-    drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"], CHOICE] = option("torque", ROBOT,
-        "What the motors take: torque, velocity or position; of a template also current or voltage.", "position")
+    gear: list[Text] = option(list, ROBOT,
+        "Published gear of a joint, by its name in `flexhinf robots`, or of all that turn: CSG-25-100. Repeat the "
+        "option for more.", "shoulder=CSG-25-100", "joint=name", default="those that the file names")
+    drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"] | None, CHOICE] = option(None,
+        ROBOT, "What the motors take; current or voltage of a template, or where all are <dcmotor>.", "position",
+        default="voltage where each joint has a <dcmotor> that takes it, else torque")
     out: Path | None = option(None, WRITTEN, "The robot file to write.", "arm.toml", "path",
         default="the name of the file with .toml, here")
     force: bool = option(False, WRITTEN, "Replace a file of that name.")

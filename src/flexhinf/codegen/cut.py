@@ -1,61 +1,88 @@
 """Where what is long is cut into functions: the steps of a program, the stages of a trace, and the C of one function.
 
-Said once, in operations, for `straight`, `stages` and `c.function`. Whole pieces go together up to `MOST`, for readers,
+Said once, in lines of C, for `straight`, `stages` and `c.function`. Whole pieces go together up to `MOST`, for readers,
 and for checkers, whose time grows with the square of a function's length. A piece that is too long for one function is
-cut where the fewest values are passed on.
+cut where the fewest values are stored for another and loaded.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Iterator, Sequence
-from itertools import accumulate, pairwise
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from types import MappingProxyType
 
-#: Operations of a function to which another piece is not added.
-MOST = 160
+#: Lines of a function at most.
+MOST = 120
 
-#: Parts of a function's length by which a cut may lie elsewhere.
-NEAR = 5
+#: Operations of a line, about, where lines are not known yet; one with more counts as several.
+DENSE = 4 / 3
+
+#: What another function costs, in values that are stored or loaded.
+CALL = 16
+
+NOTHING: Mapping[int, int] = MappingProxyType({})
 
 
 class Filling:
     """Functions that are filled one after the other.
 
-    `section`: Operations of a function to which a new section of the algorithm is not added.
+    `section`: Lines of a function to which a new section of the algorithm is not added. `last`: What uses each value
+    last.
     """
 
-    def __init__(self, section: int = MOST) -> None:
-        self.section, self.number, self.size = section, 0, 0
+    def __init__(self, section: float = MOST, last: Mapping[int, int] = NOTHING) -> None:
+        self.section, self.last, self.number, self.size = section, last, 0, 0.0
+        self.values = list[int]()
 
-    def add(self, size: int, begins: bool = False, alone: bool = False) -> int:
-        """The number of the function of another piece, of so many operations. `begins`: With a section; `alone`: That
-        is in no function with one before it."""
-        if alone or (begins and self.size >= self.section) or (size and self.size + size > MOST):
+    def add(self, size: float, values: Sequence[int] = (), begins: bool = False, alone: bool = False) -> int:
+        """The number of the function of another piece, of so many lines. `values`: Those of the piece, for which alone
+        none needs to be stored; `begins`: With a section; `alone`: That is in no function with one before it."""
+        here = {*values}
+        whole = self.size + size - sum(self.last.get(k) in here for k in self.values)
+        if alone or (begins and self.size >= self.section) or (self.size and whole > MOST):
             self.end()
-        self.size += size
+            whole = size
+        self.size = whole
+        self.values += values
         return self.number
 
     def end(self) -> None:
         """Begin another function."""
-        self.number, self.size = self.number + 1, 0
+        self.number, self.size, self.values = self.number + 1, 0.0, []
 
 
-def pieces(sizes: Sequence[int], last: Sequence[int]) -> Iterator[slice]:
-    """Where to cut a row of expressions that is too long for one function: pieces of about as many operations.
+def lines_of(operations: float) -> float:
+    """Lines of so many operations, about."""
+    return operations / DENSE
 
-    `sizes`: Operations of each. `last`: The place at which each is used last.
+
+def pieces(
+    values: Sequence[int],
+    sizes: Mapping[int, float],
+    reads: Callable[[int], Iterable[int]],
+    last: Mapping[int, int],
+) -> Iterator[tuple[Sequence[int], float]]:
+    """Where to cut a row of values that is too long for one function: the values of each piece, and its lines.
+
+    `sizes`: Lines of each value, which has another if something behind its piece uses it. `reads`: What each is
+    computed of. `last`: What uses each last, of the row or behind it.
     """
-    before = [0, *accumulate(sizes)]
-    count = max(1, -(-before[-1] // MOST))
-    cuts = [bisect_left(before, before[-1] * k / count) for k in range(count)] + [len(sizes)]
-    ends = sorted((end, place) for place, end in enumerate(last) if end > place)
-    away = len(sizes) // count // NEAR
-
-    def passed(cut: int) -> int:
-        """Values that are used on both sides."""
-        return sum(place < cut for _, place in ends[bisect_left(ends, (cut, -1)) :])
-
-    for k in range(1, count):
-        near = range(cuts[k] - away, cuts[k] + away + 1)
-        cuts[k] = min(near, key=lambda cut, at=cuts[k]: (passed(cut), abs(cut - at)))
-    yield from (slice(*ends) for ends in pairwise(cuts))
+    place = {k: at for at, k in enumerate(values)}
+    used = [place.get(last[k], len(values)) if k in last else -1 for k in values]
+    #: Of the pieces up to each place: values that they store and load, where the last one begins, and its lines.
+    best = [(0, 0, 0.0)]
+    for stop in range(1, len(values) + 1):
+        lines, stores, loads, options = 0.0, 0, set[int](), list[tuple[int, int, float]]()
+        for start in reversed(range(stop)):
+            stored = used[start] >= stop
+            lines, stores = lines + sizes[values[start]] + stored, stores + stored
+            if options and lines > MOST:
+                break
+            loads.discard(values[start])
+            loads.update(reads(values[start]))
+            options.append((best[start][0] + stores + len(loads) + CALL, start, lines))
+        best.append(min(options))
+    cuts = [len(values)]
+    while cuts[-1]:
+        cuts.append(best[cuts[-1]][1])
+    yield from ((values[start:stop], best[stop][2]) for start, stop in pairwise(cuts[::-1]))

@@ -31,9 +31,12 @@ from flexhinf.scalars.trace import built
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
 WORTH = 100
 
-#: Operations of a function to which a new section of the algorithm is not added, and of all columns of a matrix that
-#: go together.
-SECTION, COLUMNS = 8, 400
+#: Lines of a function to which a new section of the algorithm is not added, and operations of all columns of a matrix
+#: that go together.
+SECTION, COLUMNS = 6, 400
+
+#: Lines of an operation that stands in the expression of another, about: an expression has only so many.
+INSIDE = 1 / 2
 
 #: Results that are neighbours among the arguments, from which on they are copied.
 FEW = 4
@@ -163,29 +166,47 @@ class _Operations:
 
     def together(self, place: dict[int, int] | dict[int, Group]) -> None:
         """Move operations to where the only ones are that read them, and that they become one with."""
-        uses = Counter(argument for k in place for argument in self.operands(k))
-        uses.update(k for _, _, k in self.outputs)
-        for k in reversed(place):
-            for one in self.operands(k):
-                if one in place and uses[one] == 1 and self.fuses(one, k):
-                    place[one] = place[k]  # type: ignore[assignment]
+        uses = self._uses(place)
+        for one in reversed(place):
+            if self._is_inside(one, uses):
+                place[one] = place[uses[one][0]]  # type: ignore[assignment]
+
+    def _uses(self, own: Iterable[int]) -> dict[int, list[int]]:
+        """What reads each operation; -1 is a result."""
+        uses = defaultdict[int, list[int]](list)
+        for k in own:
+            for argument in self.operands(k):
+                uses[argument].append(k)
+        for _, _, k in self.outputs:
+            uses[k].append(-1)
+        return uses
+
+    def _lines(self, k: int, uses: Sequence[int]) -> float:
+        """Lines of an operation, about: fewer where it may stand in the expression of the only one that reads it."""
+        user = self.operations[uses[0]] if len(uses) == 1 and uses[0] >= 0 else None
+        if user is None or OPERATIONS[user.code].named or (user.code == SELECT and user.arguments[0] != k):
+            return 1.0
+        return 0.0 if self.fuses(k, uses[0]) else INSIDE
+
+    def _is_inside(self, one: int, uses: Mapping[int, Sequence[int]]) -> bool:
+        """Whether an operation becomes one with the only one that reads it."""
+        return len(uses[one]) == 1 and uses[one] != [-1] and self.fuses(one, uses[one][0])
 
     # Functions ----------------------------------------------------------------------------------------
     def grouped(self, part: Mapping[int, int]) -> dict[int, Group]:
         """The function of each operation: whole stages, all columns of a matrix if they are not too many, or a piece of
         a long stage."""
-        group = dict[int, Group]()
+        group, uses = dict[int, Group](), self._uses(part)
+        last = {k: max(own, key=lambda user: (user < 0, user)) for k, own in uses.items()}
         for which in sorted({*part.values()}):
-            filling, before = Filling(SECTION), -1
+            filling, before = Filling(SECTION, last), -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
                 begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
-                before, last = stage, dict[int, int]()
-                for place, k in enumerate(values):
-                    last |= dict.fromkeys(self.operands(k), place)
-                uses = [last.get(k, -1) for k in values]
-                for k, own in enumerate(values[piece] for piece in pieces([1] * len(values), uses)):
-                    number = filling.add(len(own), begins and not k, alone and not k)
-                    group |= dict.fromkeys(own, (which, number, 0))
+                before = stage
+                sizes = {k: self._lines(k, uses[k]) for k in values}
+                for k, (piece, lines) in enumerate(pieces(values, sizes, self.operands, last)):
+                    number = filling.add(lines, piece, begins and not k, alone and not k)
+                    group |= dict.fromkeys(piece, (which, number, 0))
         group = {k: group[k] for k in part}
         self.together(group)
         ends = list[int]()

@@ -21,7 +21,7 @@ import casadi
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import SCRATCH
-from flexhinf.codegen.cut import Filling
+from flexhinf.codegen.cut import Filling, lines_of
 from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice, overlap
 from flexhinf.codegen.program import (
     Call,
@@ -50,8 +50,8 @@ SHORT = 64
 #: Order of a Cholesky factor that is written out.
 ORDER = 2
 
-#: Operations of a function to which a new section of the algorithm is not added.
-SECTION = 24
+#: Lines of a function to which a new section of the algorithm is not added.
+SECTION = 18
 
 #: The stage of sums of products, which has no name.
 SUMS = "sums"
@@ -111,7 +111,7 @@ class _Straight:
         filling, number = Filling(SECTION), 0
         for k, step in enumerate(body):
             if self._joins(step):
-                if number != (number := filling.add(_size(step), bool(self._about(step)))):
+                if number != (number := filling.add(lines_of(_size(step)), begins=bool(self._about(step)))):
                     done += self._joined(group, live[k])
                     group = []
                 group.append(step)

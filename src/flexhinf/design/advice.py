@@ -167,8 +167,8 @@ def advise(
     design : WorkspaceEvidence
         The design; nothing is tried where it meets all requirements.
     seconds : float
-        CPU time of the process that may be spent, s. Limits with which a change would be kept are judged in half as
-        much more, so that a change that nearly helps is not lost for want of them.
+        CPU time of the process that may be spent, s. Limits with which the design or a change would be kept are judged
+        in half as much more, so that what nearly helps is not lost for want of them.
     progress : callable, optional
         Called with what comes next.
     joints : bool
@@ -190,7 +190,7 @@ def advise(
     kept: Trial | None = None  # named where nothing meets all that costs less
     while left and cpu_seconds() <= end:
         change = left[0]
-        trial, other = _tried(design, change, progress, watch)
+        trial, other = _tried(design, change, progress, finish if change is room else watch)
         if trial is None:  # no time for it
             break
         del left[0]

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import tomlkit
@@ -30,8 +30,8 @@ from flexhinf.campaign import (
     in_this_process,
     run_in_memory,
 )
-from flexhinf.campaign.journal import check_own_folder, differing, listed
-from flexhinf.campaign.manifest import UNREADABLE
+from flexhinf.campaign.journal import check_own_folder
+from flexhinf.campaign.manifest import UNREADABLE, About, differing, listed
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, design_file
 from flexhinf.design.deployed_run import DesignCampaign, DesignedLaw, PoseCampaign
@@ -175,7 +175,7 @@ def _begun(
     write_file(file, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     request.store(designed.law, setup)
     campaign = request.campaign(replace(designed, law=request.stored(setup)))
-    about = {
+    about: About = {
         "title": f"Campaign of the robot “{design.robot.name}”",
         "requirements": list(request.requirements),
         "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},
@@ -247,7 +247,8 @@ def stored_request(journal: Journal) -> DesignCampaign[Any]:
     """The design and the campaign of a folder."""
     known = CampaignOptions.__dataclass_fields__
     try:
-        stored = {name: value for name, value in journal.about["options"].items() if name in known}
+        stated = cast("dict[str, Any]", journal.about.get("options", {}))
+        stored = {name: value for name, value in stated.items() if name in known}
         stored["tolerances"] = tuple((str(name), str(spread)) for name, spread in stored["tolerances"])
         options = CampaignOptions(**stored)
     except InvalidInput:

@@ -33,7 +33,7 @@ from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.loop import Controller, Loop, Status, Step, load_controller
-from flexhinf.loop.simulation.inputs import sample_count
+from flexhinf.loop.simulation.inputs import RunOptions, sample_count
 from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, declared, quantity
 from flexhinf.plant import ParameterTable
@@ -450,11 +450,14 @@ class PoseCampaign(DesignCampaign[Controller]):
         loop = Loop(
             plant, controller, plants.sub_steps, quantisation=plants.quantisation, delay=s.unknown_delay
         )
-        options: dict[str, Any] = {"duration": duration, "noise": plants.noise, "reference": reference}
+        options: RunOptions = {"duration": duration}
+        if plants.noise is not None:
+            options["noise"] = plants.noise
+        if reference is not None:
+            options["reference"] = reference
         if o.disturbance:  # of 1 N·m or 1 N; each sample has its own factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
-        options = {name: value for name, value in options.items() if value is not None}
         draw = Tolerances(
             self.variables, o.method, RobotSamples(plants.true.robot, self.ends[0], plants.extras)
         )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf import analysis
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.estimators import ESTIMATORS, EstimatorTask, is_kalman
 from flexhinf.design.noise_levels import EstimatorNoise, noise_variances, sensor_steps
@@ -35,6 +36,7 @@ from flexhinf.design.responses import (
 )
 from flexhinf.design.specification import Specification, SpecificationError
 from flexhinf.design.stated_units import per_signal
+from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import (
     stationary,
     stationary_covariance,
@@ -55,6 +57,9 @@ DEVIATIONS = 3.0
 #: How far commands may lie beyond start, goal and poses of the laws: a share of the largest travel of a joint, and at
 #: least so much, rad or m.
 WORKSPACE_MARGIN = (0.1, 0.05)
+
+#: Standard deviations by which noise hardly swings to and fro, peak to peak, within the runs of a robot.
+SWING_NOISE = 14.0
 
 #: Extras whose linearisation at standstill holds beyond the smallest motions. Dry friction and backlash are left out of
 #: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
@@ -337,7 +342,7 @@ class LoopSetup(LoopPlants):
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: the box of start, goal, laws' poses and a stated move, with a
-        `WORKSPACE_MARGIN`."""
+        `WORKSPACE_MARGIN`, and limit cycles by ± 10 % of a limit, or by more where noise makes such swings."""
         names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
         places = [names.index(name) for name in self.law.tracked]
         ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
@@ -346,9 +351,21 @@ class LoopSetup(LoopPlants):
         poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
         share, smallest = WORKSPACE_MARGIN
         margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
-        return Supervision(
-            workspace=(poses.min(axis=0) - margin, poses.max(axis=0) + margin) if places else None
-        )
+        box = (poses.min(axis=0) - margin, poses.max(axis=0) + margin) if places else None
+        return Supervision(box, swing=self._noisy_swing)
+
+    @cached_property
+    def _noisy_swing(self) -> np.ndarray | None:
+        """Smallest swing of an input (m,) that counts where noise makes larger ones than the default; else None."""
+        if self.noise is None or self.limits.saturated is None:
+            return None
+        try:
+            margins = analysis.margins(self.equilibrium_loop())
+        except FlexhinfError:  # the runs say so
+            return None
+        swing, noise = 0.2 * self.limits.saturated, margins.input_noise(self.noise)
+        noisy = np.isfinite(swing) & np.isfinite(noise) & (SWING_NOISE * noise > swing)
+        return np.where(noisy, SWING_NOISE * noise, swing) if noisy.any() else None
 
     def controller(
         self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False,

@@ -445,8 +445,8 @@ class Tuner:
                 if kind.name in wanted:
                     raise InvalidInput(
                         f"The law {kind.name!r} does not fit the robot {self.own.setup.robot.name!r}.",
-                        f"expected one that can be made and run at the goal, got: {text}",
-                        f"laws without {kind.name!r}",
+                        f"expected one that can be made and run at the goal; {error.found}",
+                        error.advice,
                     ) from error
                 tuned[kind.name] = text
         # Laws that contain others last.

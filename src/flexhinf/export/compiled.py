@@ -20,7 +20,7 @@ import subprocess
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -206,6 +206,15 @@ def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
     return _LOADED[name]
 
 
+class _Copied(TypedDict):
+    """What a copy or a pickle of a controller has: the library's file and digest, the memory, and the last code."""
+
+    path: str
+    digest: str
+    memory: list[np.ndarray]
+    code: str
+
+
 class CompiledController:
     """A controller of `flexhinf.export.compile_controller`, with a memory of its own.
 
@@ -338,7 +347,7 @@ class CompiledController:
         finally:
             self._busy = False
 
-    def _fill(self, place: np.ndarray, numbers: Any, what: str, names: tuple[str, ...]) -> None:
+    def _fill(self, place: np.ndarray, numbers: Numbers, what: str, names: tuple[str, ...]) -> None:
         try:
             place[:] = real_array(numbers, strict=True).reshape(place.shape)
         except (TypeError, ValueError):
@@ -406,15 +415,15 @@ class CompiledController:
         self.code = "OK"
 
     # Copies and pickles: the library's path, and what is remembered ---------------------------------------
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> _Copied:
         return {
             "path": str(self.path),
             "digest": self.digest,
-            "remembered": [array.copy() for array in self._kept],
+            "memory": [array.copy() for array in self._kept],
             "code": self.code,
         }
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: _Copied) -> None:
         self.__init__(state["path"])  # type: ignore[misc]
         refuse_if(
             self.digest != state["digest"],
@@ -422,7 +431,7 @@ class CompiledController:
             f"expected {state['digest'][:12]}, got {self.digest[:12]} in {self.path}",
             "load_compiled, to begin anew",
         )
-        for place, values in zip(self._kept, state["remembered"], strict=True):
+        for place, values in zip(self._kept, state["memory"], strict=True):
             place[:] = values
         self.code = state["code"]
 

@@ -15,12 +15,13 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
 from flexhinf.codegen import (
+    Buffer,
     Call,
     Cholesky,
     Householder,
@@ -30,6 +31,7 @@ from flexhinf.codegen import (
     Recorder,
     Repeat,
     Residual,
+    Slice,
     Sweep,
     When,
 )
@@ -63,6 +65,9 @@ from flexhinf.scalars import drop_empty, maximum, trace
 from flexhinf.validation import unknown_name
 
 if TYPE_CHECKING:
+    import casadi
+
+    from flexhinf.arrays import Elements
     from flexhinf.robot import Robot
 
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
@@ -209,7 +214,7 @@ class ControllerCode:
         translator.add(self.program, "sample", {CODES[name].value: self.upper(name) for name in names})
         return translator
 
-    def _steps(self, places: Any) -> Any:
+    def _steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """Those of the controller; one that is a single trace is read in its stages."""
         (*body,), buffers = self.controller.steps(places)
         if not self.controller.composed:
@@ -217,7 +222,7 @@ class ControllerCode:
             function = drop_empty(self.controller.traced(run))
             (call,) = (replace(step, stages=run.stages(function)) for step in body if isinstance(step, Call))
             return staged(call, SCRATCH, "y")
-        return body, buffers
+        return tuple(body), buffers
 
     @property
     def operations(self) -> int:
@@ -355,7 +360,7 @@ class ControllerCode:
             return ""
         turns = c.estimator.plant.angle_places(c.estimator.plant.outputs)
 
-        def some(y: Any, seen: Any, *limits: Any) -> Any:
+        def some(y: Elements, seen: Elements, *limits: Elements) -> Elements:
             return np.array([reduce(maximum, known(plausible(turns, y, seen.reshape(3, p), *limits)[0]))])
 
         return self.translator.function(trace(some, p, 3 * p, 1, p, p, p, name="plausible"))
@@ -402,7 +407,7 @@ class ControllerCode:
         return Markup(f"{called}({state}, {'param->value, ' * len(known)}{inputs})")
 
     @cached_property
-    def standstill(self) -> Any:
+    def standstill(self) -> casadi.Function | None:
         """(q, parameters) → state and input at rest at q, as a CasADi function; None without such a model."""
         estimator = self.controller.estimator
         if estimator is None or not self.starts_anywhere or not estimator.plant.parameters.size:

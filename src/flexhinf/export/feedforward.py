@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from markupsafe import Markup
 
+from flexhinf.arrays import Numbers
 from flexhinf.codegen.c import Translator, constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.file_list import File, rendered
@@ -45,7 +45,7 @@ def export_feedforward(
     feedforward: Feedforward,
     folder: str | Path,
     name: str = "feedforward",
-    path: Any = None,
+    path: Numbers = None,
     force: bool = False,
     shaper: bool = False,
 ) -> Path:
@@ -111,7 +111,7 @@ def _functions(feedforward: Feedforward) -> ca.Function:
     """(q, …, q⁗) → command, θ_d, θ̇_d, torque, with the robot's numbers."""
     robot = feedforward.robot
     n, plant = len(robot.joint_names), robot.plant()
-    motion: Any = [ca.SX.sym(f"q{k}", n) for k in range(5)]
+    motion: list[ca.SX] = [ca.SX.sym(f"q{k}", n) for k in range(5)]
     from flexhinf.plant.model import ParameterTable
     from flexhinf.robot.elastic import InverseFlow, traced_inverse
 

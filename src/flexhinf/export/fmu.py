@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import casadi
 import numpy as np
 from markupsafe import Markup
 
+from flexhinf.arrays import Numbers
 from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of
@@ -154,8 +156,8 @@ def export_plant_fmu(
     path: str | os.PathLike[str],
     name: str = "plant",
     period: float = 1e-3,
-    state: Any = None,
-    input: Any = None,
+    state: Numbers = None,
+    input: Numbers = None,
     fmi: str = "2.0",
 ) -> Path:
     """Write a plant as an FMU for co-simulation: the elastic robot itself.
@@ -229,7 +231,7 @@ def _needed(plant: Plant, starts: Sequence[str], labels: Sequence[str]) -> list[
     return [tuple(names) for names in needed]
 
 
-def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
+def _start(start: Numbers, names: Sequence[str], what: str) -> np.ndarray:
     values = np.zeros(len(names)) if start is None else real_array(start)
     refuse_if(
         values.shape != (len(names),) or not np.isfinite(values).all(),
@@ -251,6 +253,6 @@ def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> l
     ]
 
 
-def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> Markup:
+def _called(name: str, function: casadi.Function, arguments: Sequence[str], result: str) -> Markup:
     kept = [text for k, text in enumerate(arguments) if function.numel_in(k)]
     return Markup(f"{name}({', '.join([*kept, result])});")

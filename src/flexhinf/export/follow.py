@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
+import casadi
 import numpy as np
 from markupsafe import Markup
 
@@ -113,7 +113,7 @@ def _parameters(code: ControllerCode) -> dict[int, tuple[str, int]]:
     return {5: ("data", code.controller.data.places["parameters"].start)}
 
 
-def _inverse(robot: Robot, code: ControllerCode) -> Any:
+def _inverse(robot: Robot, code: ControllerCode) -> casadi.Function:
     """(q, …, q⁗, parameters) → state and input."""
     assert code.controller.estimator is not None
     values = code.controller.estimator.plant.parameters.values

@@ -253,7 +253,7 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
         return "A motion", c.operating_reference
     state = np.asarray(c.law.operating_point)[: len(c.states)]
     state = state if place is None else c.estimated_states.own(place)
-    if code.rests:
+    if code.rests and code.standstill is not None:
         return "Link positions", state[: code.standstill.size1_in(0)]
     positions = state[[c.law.plant_states.index(name) for name in c.law.tracked]]
     return "Positions", positions if len(positions) else np.zeros(1)

@@ -1,12 +1,12 @@
 """Which measurements of a robot are plausible: ranges and speeds from its limits, and what follows of them.
 
-A link is within the range of its joint, with room for a tenth of it on either side, so that an arm that swings past an
-end of its range is still seen, and one that stands there can be led back. A motor is further by the twist of the spring
-at most: the largest torque of the drive, applied at once, stretches a spring of stiffness K twice as far as at rest, to
-2 τ / K. Links and motors are no faster than twice the stated speed, as a spring that is let go throws its link twice as
-fast as the motor that held it. Where none is stated and a voltage drives the motor, that is no faster than twice the
-speed V / k_b at which the back-EMF takes the whole voltage, as a weight that the motor can hold drives it on by as much
-again at most; and its link twice as fast as that. The torque of a spring is that of the twist.
+A link is within the range of its joint, with room for a twentieth of it on either side, so that an arm that swings past
+an end of its range is still seen, and one that stands there can be led back. A motor is further by the twist of the
+spring at most: the largest torque of the drive, applied at once, stretches a spring of stiffness K twice as far as at
+rest, to 2 τ / K. Links and motors are no faster than twice the stated speed, as a spring that is let go throws its link
+twice as fast as the motor that held it. Where none is stated and a voltage drives the motor, that is no faster than
+twice the speed V / k_b at which the back-EMF takes the whole voltage, as a weight that the motor can hold drives it on
+by as much again at most; and its link twice as fast as that. The torque of a spring is that of the twist.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NOISE = 6.0
 TWICE = 2.0
 
 #: Room beyond the ends of a joint's range, as a share of it.
-ROOM = 0.1
+ROOM = 0.05
 
 
 class Ranges(NamedTuple):

@@ -11,10 +11,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Number
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.recording import FAILED, Provocation, Recording, history_of
@@ -380,7 +380,7 @@ def _script(
     swing, noise = (0.0, QUIET) if judged else (size * AWAY, size * NOISE)
     y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0, 0)
 
-    def act(away: float, commanded: Any, times: int, rows: int = ROWS, rings: bool = False) -> None:
+    def act(away: float, commanded: Number, times: int, rows: int = ROWS, rings: bool = False) -> None:
         for k in range(rows):
             side = -away if rings and k % 2 else away
             y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))

@@ -34,11 +34,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.files import write_file
-from flexhinf.loop import Loop, Trajectory
+from flexhinf.loop import Controller, Loop, Trajectory
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.validation import checked_path, install_advice, value_text
@@ -185,12 +186,12 @@ def run_realtime(
     disturbance: Any = None,
     noise: Any = None,
     duration: float = 8.0,
-    initial_state: Any = None,
+    initial_state: Numbers = None,
     seed: int = 0,
-    initial_input: Any = None,
+    initial_input: Numbers = None,
     *,
     multi_turn: bool = False,
-    initial_estimate: Any = None,
+    initial_estimate: Numbers = None,
     library: CompiledController | None = None,
     real_time: bool = True,
     priority: int | None = None,
@@ -265,7 +266,7 @@ def run_realtime(
     )  # fmt: skip
 
 
-def check_library(library: CompiledController, controller: Any) -> None:
+def check_library(library: CompiledController, controller: Controller) -> None:
     """Refuse a library of another controller: by its signals and its period, then by all that its inputs depend on."""
     own = {
         "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
@@ -293,17 +294,17 @@ class _Clock:
     """Paces the samples, steps a controller with its own memory or a compiled library, and records all times."""
 
     def __init__(
-        self, loop: Loop, library: CompiledController | None, start: dict[str, Any], samples: int, real_time: bool,
+        self, loop: Loop, library: CompiledController | None, start: dict[str, Numbers], samples: int, real_time: bool,
     ) -> None:  # fmt: skip
         self._period, self._start, self._real_time = loop.controller.period, start, real_time
         self.code_names, self.name = {0: "OK"}, "Controller.step"
-        self._stepped: Any = loop.controller.fresh()
+        self._stepped: Controller | CompiledController = loop.controller.fresh()
         if library is not None:
             check_library(library, loop.controller)
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
-        self._numbers = {name: number for number, name in self.code_names.items()} if library else None
+        self._numbers = {name: number for number, name in self.code_names.items()}
         self._step, self._k, self._first = self._stepped.step, 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
@@ -315,9 +316,9 @@ class _Clock:
     def reset(self) -> None:
         self._stepped.reset(**self._start)
 
-    estimate = property(attrgetter("_stepped.estimate"))
-    path_rate = property(attrgetter("_stepped.path_rate"))
-    doubtful_samples = property(attrgetter("_stepped.doubtful_samples"))
+    estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
+    path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
+    doubtful_samples: int = property(attrgetter("_stepped.doubtful_samples"))  # pyright: ignore[reportAssignmentType]
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""
@@ -332,13 +333,12 @@ class _Clock:
         self._due[k], self._woken[k] = due, wait_until(due) if self._real_time else due
         return True
 
-    def step(self, y: Any, reference: Any) -> np.ndarray:
+    def step(self, y: Numbers, reference: Numbers) -> np.ndarray:
         start = time.perf_counter_ns()
         u = self._step(y, reference)
-        end = time.perf_counter_ns()
-        k = self._k
+        end, k = time.perf_counter_ns(), self._k
         self._computed[k], self._ready[k] = end - start, end
-        if self._numbers is not None:
+        if isinstance(self._stepped, CompiledController):
             self.codes[k] = self._numbers[self._stepped.code]
         self.status[k] = int(self._stepped.status)
         return u

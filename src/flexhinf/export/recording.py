@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -114,7 +113,7 @@ class Recording:
     rejected: np.ndarray
     doubtful: list[int]
     hashes: list[int]
-    remembered: np.ndarray
+    memory_rows: np.ndarray
     moved: int | None = None
     provocation: Provocation | None = None
 
@@ -273,15 +272,15 @@ def _room(controller: Controller, count: int) -> np.ndarray:
 def _standstills(controller: Controller) -> np.ndarray:
     """Slope (n + m, k) of a moving reference along its tracked positions, at rest; zero where no model tells it."""
     n, places = len(controller.states), [controller.states.index(name) for name in controller.tracked]
-    slope: Any = (None,)
+    slope: tuple[np.ndarray, np.ndarray] | None = None
     if controller.estimator is not None and places:
         r = controller.operating_reference
         model, states = controller.estimator.plant, controller.estimated_states
         moved, pushed = equilibrium_line(
             model, states.whole(r[:n]), r[n:], [model.index(name) for name in controller.tracked]
         )
-        slope = (None,) if moved is None else (states.own(moved), pushed)
-    return np.zeros((len(controller.commanded), len(places))) if slope[0] is None else np.vstack(slope)
+        slope = None if moved is None else (states.own(moved), pushed)
+    return np.zeros((len(controller.commanded), len(places))) if slope is None else np.vstack(slope)
 
 
 def with_both_roundings(controller: Controller, run: Recording) -> tuple[Recording, Recording]:
@@ -320,7 +319,7 @@ def feed(
     """As `replay`, to this controller itself, with other memories before some rows, which may end in nothing finite."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, remembered = (
+    inputs, estimates, codes, memory_rows = (
         list[np.ndarray](),
         list[np.ndarray](),
         list[str](),
@@ -328,7 +327,7 @@ def feed(
     )
     said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
-        code = kind
+        code, before = kind, fresh.rejected
         if k in memories:
             history_of(fresh).memory[:], history_of(fresh).failed = memories[k], False
         if kind == GAP:
@@ -350,7 +349,7 @@ def feed(
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
         said.append((int(fresh.status), fresh.path_rate, np.array(fresh.rejected), fresh.doubtful_samples))
-        remembered.append(history_of(fresh).memory.copy())
+        memory_rows.append(history_of(fresh).memory.copy())
     r = r if r.shape[1] else np.zeros((len(y), 1))
     status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
     return Recording(
@@ -364,6 +363,6 @@ def feed(
         rates,
         np.array(rejected),
         doubtful,
-        [memory_hash(memory) for memory in remembered],
-        np.array(remembered),
+        [memory_hash(memory) for memory in memory_rows],
+        np.array(memory_rows),
     )

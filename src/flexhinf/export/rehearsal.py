@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
+import casadi
 import numpy as np
 from markupsafe import Markup
 
@@ -31,7 +31,7 @@ LARGEST = {"double": "1e300", "float": "1e30F"}
 
 def far_values(code: ControllerCode) -> dict[str, object] | None:
     """At which angles the rehearsal stands the robot, and with how many; None where it does not."""
-    if not reaches_far(code):
+    if code.standstill is None or not reaches_far(code):
         return None
     real = code.real.name
     return {"joints": code.standstill.size1_in(0), "angle": FAR[real], "largest": LARGEST[real]}
@@ -180,6 +180,7 @@ def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
     (_, standing), *_ = rests(code)
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
     states, velocities = code.sizes["estimate"], np.array(["velocity" in name for name in code.signals["X"]])
+    assert code.standstill is not None
     links = code.standstill.size1_in(0)
     row = standing + 0.05 * np.cos(np.arange(standing.size))
     row[:links] = standing[:links]
@@ -202,6 +203,6 @@ def _model(code: ControllerCode) -> np.ndarray:
     return np.asarray(code.controller.estimator.plant.parameters.vector(), dtype=float)
 
 
-def _called(function: Any, *arguments: np.ndarray) -> np.ndarray:
+def _called(function: casadi.Function, *arguments: np.ndarray) -> np.ndarray:
     """All results of a CasADi function, flat."""
     return np.concatenate([np.asarray(one.full()).ravel() for one in function.call(list(arguments))])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -41,7 +41,18 @@ def goal_parameters(follower: Follower) -> dict[str, bool | float]:
     }
 
 
-def goal_options(follower: Follower, values: Mapping[str, Any]) -> dict[str, Any]:
+class GoalOptions(TypedDict):
+    """Options of `Follower`: s, and for each joint a tolerance of its position, rad or m, and of its velocity."""
+
+    stop_time: float
+    partial: bool
+    path_tolerance: dict[str, tuple[float, float]]
+    goal_tolerance: dict[str, tuple[float, float]]
+    goal_time: float
+    timeout: float
+
+
+def goal_options(follower: Follower, values: Mapping[str, bool | float]) -> GoalOptions:
     """Options of `Follower` from values of all `goal_parameters`; tolerances rad or m.
 
     Raises InvalidInput: for a stop time below a period, or too long. What else does not fit is refused by `Follower`.
@@ -66,7 +77,7 @@ def goal_options(follower: Follower, values: Mapping[str, Any]) -> dict[str, Any
     }
 
 
-def check_at_start(values: Mapping[str, Any]) -> None:
+def check_at_start(values: Mapping[str, bool | float | str]) -> None:
     """Refuse values of `AT_START` that do not fit."""
     factor = float(values["speed_scaling_factor"])
     refuse_if(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -49,7 +48,7 @@ def state_groups(code: ControllerCode) -> dict[str, list[str]]:
 def state_values(server: TrajectoryServer) -> list[np.ndarray]:
     """The numbers of the last sample, in the order of `state_groups`; NaN for what is not known."""
     code, motion, stepped = server.code, server.motion, server.stepped
-    of_health: dict[str, Any] = {
+    of_health: dict[str, Sequence[float] | np.ndarray] = {
         "code": [code.codes[server.step_code].value],
         "status": [int(stepped.status)],
         "path_rate": [stepped.path_rate],

@@ -153,7 +153,7 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
                 "path_rate": one.path_rate,
                 "doubtful": one.doubtful,
                 "hashes": [f"0x{number:016x}u" for number in one.hashes],
-                "sums": one.remembered @ _shares(run),
+                "sums": one.memory_rows @ _shares(run),
             }
             for one in runs
         ],
@@ -218,9 +218,9 @@ def _replaced(run: Recording, initial: np.ndarray) -> dict[str, object]:
 def _shares(run: Recording) -> np.ndarray:
     """Factors (s,) with which all that is remembered is added up: other ones for each number, over its largest value; 0
     of what is never finite or always zero."""
-    largest = np.abs(np.where(np.isfinite(run.remembered), run.remembered, 0.0)).max(axis=0)
-    turns = 0.5 + (GOLDEN * np.arange(largest.size)) % 1.0
-    return np.divide(turns, largest, out=np.zeros(largest.size), where=largest > 0.0)
+    largest = np.abs(np.where(np.isfinite(run.memory_rows), run.memory_rows, 0.0)).max(axis=0)
+    turns = 0.5 + np.remainder(GOLDEN * np.arange(run.memory_rows.shape[1], dtype=float), 1.0)
+    return np.where(largest > 0.0, turns / np.where(largest > 0.0, largest, 1.0), 0.0)
 
 
 def _unseen(run: Recording) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.identification.likelihood import Evaluation, Likelihood
@@ -128,7 +129,7 @@ class Shifts:
         if base is None:
             return
         count, numbers = len(self.found), len(self.unknowns.numbers)
-        changes = []
+        changes: list[Vector] = []
         for k in range(numbers):
             turn = TURN * self.unknowns.sizes(self.found)[k] * np.eye(count)[k]
             turned = self.evaluated(self.likelihood(), self.found + turn)

@@ -4,11 +4,14 @@ Of a filter whose model and noises are right, innovations are as large as it say
 squared errors over their covariances are χ² [barshalom2001, sections 5.4 and 5.5].
 """
 
+# Distributions of SciPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -296,7 +299,7 @@ def innovation_consistency(
     """
     with np.errstate(divide="ignore", invalid="ignore"):  # a deviation of zero expects no error at all
         white = innovations / deviations
-    outputs = []
+    outputs: list[OutputConsistency] = []
     for k, (name, unit) in enumerate(zip(names, units)):
         innovation, normal = innovations[:, k], white[:, k]
         known = np.isfinite(normal)
@@ -326,7 +329,8 @@ def innovation_consistency(
                 step,
             )
         )
-    nis: Any = squared_error(squared, measured)
+    nis = squared_error(squared, measured)
+    assert nis is not None  # every output has innovations
     return tuple(outputs), nis
 
 

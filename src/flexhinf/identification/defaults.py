@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from flexhinf.estimation import ExtendedKalmanFilter
-from flexhinf.estimation.filter import Form, RecursiveFilter
+from flexhinf.estimation.filter import Form
 from flexhinf.identification.quantisation import smallest_step
-from flexhinf.plant import Plant
+from flexhinf.identification.recursion import FilterKind
+from flexhinf.plant import Plant, Sensor
 from flexhinf.plant.joints import coupling_of, joint_places
 
 #: Standard deviation of the first state, SI units, and of the torques (or other disturbances) that a model leaves out,
@@ -130,18 +132,26 @@ def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
     return x
 
 
+class FilterOptions(TypedDict, total=False):
+    """Further arguments of a filter by name."""
+
+    gate: float | None
+    bounds: Mapping[str, tuple[float, float]] | None
+    sensors: Sequence[Sensor] | Sensor | None
+
+
 def default_filter(
     plant: Plant,
     times: np.ndarray,
     inputs: np.ndarray,
     outputs: np.ndarray,
-    kind: type[RecursiveFilter] = ExtendedKalmanFilter,
+    kind: type[FilterKind],
     form: Form = "square_root",
     period: float | None = None,
-    process_noise: Any = None,
-    measurement_noise: Any = None,
-    **others: Any,
-) -> Any:
+    process_noise: ArrayLike | None = None,
+    measurement_noise: ArrayLike | None = None,
+    **others: Unpack[FilterOptions],
+) -> FilterKind:
     """A filter for a log's times (N,), inputs (N, m) and outputs (N, p): what is not stated comes from the log.
 
     Its `period` is the median time between rows. R^n is the noise of neighbouring samples, R^v (per period) that of

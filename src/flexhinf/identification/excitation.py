@@ -10,9 +10,9 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter
@@ -97,7 +97,7 @@ def excitation(
     measured: str | Sequence[str] = ("link_position",),
     extras: str | Sequence[str] = (),
     noise: Mapping[str, float] | None = None,
-    reach: Any = None,
+    reach: ArrayLike | None = None,
     candidates: int = 12,
     seed: int = 0,
 ) -> Excitation:
@@ -156,7 +156,7 @@ def excitation(
     return best[1]
 
 
-def _box(robot: Robot, reach: Any) -> np.ndarray:
+def _box(robot: Robot, reach: ArrayLike | None) -> np.ndarray:
     """Ends (n, 2) of the links' positions."""
     home = np.asarray(robot.home, dtype=float)
     if reach is None:
@@ -200,12 +200,13 @@ def _stops(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (K,) and poses (K, n) of random stops: fast and slow moves, long and short ones."""
     shortest = min(max(BRIEFEST * vibration, 0.05), 0.25 * span)
-    times, poses = [0.0], [box.mean(axis=1)]
+    times, poses = [0.0], [np.asarray(box.mean(axis=1))]
     while times[-1] < span:
         size = rng.choice([0.2, 0.6, 1.0])
         goal = poses[-1] + size * (rng.uniform(box[:, 0], box[:, 1]) - poses[-1])
-        lasting = float(np.exp(rng.uniform(np.log(shortest), np.log(max(LONGEST, 2.0 * shortest)))))
-        times.append(times[-1] + max(lasting, PEAK * float(np.max(np.abs(goal - poses[-1]) / speeds))))
+        low, high = float(np.log(shortest)), float(np.log(max(LONGEST, 2.0 * shortest)))
+        lasting = float(np.exp(rng.uniform(low, high)))
+        times.append(times[-1] + max(lasting, PEAK * float((np.abs(goal - poses[-1]) / speeds).max())))
         poses.append(goal)
     return np.array(times), np.array(poses)
 

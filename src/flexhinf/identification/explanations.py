@@ -10,19 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements, Matrix, Vector
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.identification.alternatives import Alternative
 from flexhinf.identification.defaults import UNKNOWN
 from flexhinf.identification.filtering import filter_log, log_arrays
 from flexhinf.identification.identify import Identification
+from flexhinf.identification.log import LogLike
 from flexhinf.identification.recursion import Recursion, rows_of
 from flexhinf.identification.search import DROP
 from flexhinf.notebook import number_text
 from flexhinf.plant import Plant
+from flexhinf.plant.parameters import Parameters
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.signals import MECHANICAL, signal_names
@@ -104,7 +106,7 @@ class WithDisturbances:
     def __init__(self, plant: Plant) -> None:
         self.flow, self.inputs = plant.flow, len(plant.inputs)
 
-    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def __call__(self, x: Elements, u: Elements, d: Elements, p: Parameters) -> Elements:
         """dx/dt (n,), on any element."""
         return self.flow(x, u[: self.inputs], u[self.inputs :] + d, p)
 
@@ -115,7 +117,7 @@ class OutputOfInputs:
     def __init__(self, plant: Plant) -> None:
         self.output, self.inputs = plant.output, len(plant.inputs)
 
-    def __call__(self, x: Any, u: Any, p: Any) -> Any:
+    def __call__(self, x: Elements, u: Elements, p: Parameters) -> Elements:
         """y (p,), on any element."""
         return self.output(x, u[: self.inputs], p)
 
@@ -161,7 +163,7 @@ class Trace:
         return white.ravel()
 
 
-def explanations(found: Identification, log: Any) -> tuple[Explanation, ...]:
+def explanations(found: Identification, log: LogLike) -> tuple[Explanation, ...]:
     """What explains the rest of a log that an identified robot does not fit, the most first.
 
     Each cause is looked for beside those before it and beside the numbers that were sought; one is named that makes the
@@ -230,15 +232,20 @@ def _fitted(
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The gain of the log-likelihood by a candidate beside what is known, its sizes, and their standard errors."""
     basis = np.linalg.qr(known)[0] if known.size else known
-    clean, target = (part - basis @ (basis.T @ part) if known.size else part for part in (columns, residual))
-    information = clean.T @ clean
+
+    def remaining(part: np.ndarray) -> Matrix:
+        return part - basis @ (basis.T @ part) if known.size else part
+
+    clean, target = remaining(columns), remaining(residual)
+    information: Matrix = np.asarray(clean.T @ clean, dtype=float)
     if np.linalg.cond(information) > 1e12 or np.trace(information) < 1e-6 * np.sum(columns**2):
-        return 0.0, np.zeros(columns.shape[1]), np.zeros(columns.shape[1])
-    sizes = -np.linalg.solve(information, clean.T @ target)
+        return 0.0, np.zeros(len(information)), np.zeros(len(information))
+    sizes = np.asarray(-np.linalg.solve(information, clean.T @ target), dtype=float)
     gain = 0.5 * float(sizes @ information @ sizes)
     if candidate.positive and sizes[0] < 0.0:
         gain = 0.0
-    return gain, sizes, np.sqrt(np.diag(np.linalg.inv(information)))
+    inverse = np.asarray(np.linalg.inv(information), dtype=float)
+    return gain, sizes, np.sqrt(np.diag(inverse))
 
 
 def _states(
@@ -251,7 +258,7 @@ def _states(
 
 def _number_traces(found: Identification, trace: Trace, none: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Traces (K, k) of small changes of the numbers that were sought."""
-    columns, z = [], found.expected
+    columns, z = list[Vector](), found.expected
     for k, size in enumerate(found.unknowns.sizes(z)[: len(found.names)]):
         change = LITTLE * size
         turned = found.unknowns.at(z + change * np.eye(len(z))[k])
@@ -261,7 +268,7 @@ def _number_traces(found: Identification, trace: Trace, none: np.ndarray, base: 
 
 def _traces(trace: Trace, candidate: _Candidate, none: np.ndarray, base: np.ndarray) -> np.ndarray | None:
     """Traces (K, c) of one unit of a candidate each; None where it leaves none."""
-    columns = []
+    columns: list[Vector] = []
     if candidate.measured is not None:
         moved = trace.innovations(none, trace.outputs + LITTLE * candidate.measured)
         columns.append((moved - base) / LITTLE)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.identification.consistency import squared_errors
 from flexhinf.identification.defaults import default_filter
-from flexhinf.identification.log import check_increasing, log_numbers
+from flexhinf.identification.log import LoggedArrays, LogLike, check_increasing, log_numbers
 from flexhinf.identification.recursion import Recursion, rows_of
 from flexhinf.identification.sensing import new_at_their_times
 from flexhinf.identification.smoothing import Smoother
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from flexhinf.estimation.filter import RecursiveFilter
 
 
-def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def log_arrays(log: LogLike, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (N,), s, inputs (N, m) and outputs (N, p) of a log, checked against a plant.
 
     `log`: anything with `times`, `inputs` and `outputs` (`flexhinf.Log`), these three as a tuple, or the result of
@@ -30,11 +32,12 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     will do, of none None. Raises InvalidInput: sizes that differ, times that do not grow, inputs that are not finite,
     outputs without a single number.
     """
-    data = getattr(log, "data", log)
+    data, parts = _run_data(log), cast("tuple[ArrayLike, ArrayLike | None, ArrayLike]", log)
     if isinstance(log, tuple) and len(log) == 3:
-        parts = log
+        pass
     elif all(hasattr(log, name) for name in ("times", "inputs", "outputs")):
-        parts = tuple(getattr(log, name) for name in ("times", "inputs", "outputs"))
+        arrays = cast("LoggedArrays", log)
+        parts = (arrays.times, arrays.inputs, arrays.outputs)
     elif all(name in getattr(data, "variables", ()) for name in ("time", "input", "output")):
         late = _latency(data)
         inputs = data["input"].values
@@ -50,7 +53,7 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     times, inputs, outputs = map(log_numbers, ("times", "inputs", "outputs"), parts)
     names = (plant.inputs, plant.outputs)
     count = times.size
-    shaped = []
+    shaped: list[np.ndarray] = []
     for kind, array, known in zip(("inputs", "outputs"), (inputs, outputs), names):
         array = array[:, None] if array.ndim == 1 and len(known) == 1 else array
         refuse_if(
@@ -84,24 +87,29 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return times, inputs, outputs
 
 
-def _latency(data: Any) -> int:
+def _run_data(log: LogLike) -> xr.Dataset:
+    """The data of a run, or what may be that."""
+    return cast("xr.Dataset", getattr(log, "data", log))
+
+
+def _latency(data: xr.Dataset) -> int:
     return int(data.attrs.get("input_delay_samples", 0))
 
 
-def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
+def log_truth(log: LogLike, plant: Plant) -> np.ndarray | None:
     """The true states (N, n) of a log, NaN where one is not known; None of a log without any.
 
     Those of `flexhinf.Log`, or of a run whose states are the plant's.
     """
-    data = getattr(log, "data", log)
-    truth = getattr(log, "truth", None)
+    data = _run_data(log)
+    truth: np.ndarray | None = getattr(log, "truth", None)
     if truth is None and "state" in getattr(data, "variables", ()):
         named = data["state_name"].values.tolist() == list(plant.states)
         truth = data["state"].values[_latency(data) :] if named else None
     return truth if truth is None or truth.shape[1:] == (plant.n,) else None
 
 
-def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) -> xr.Dataset:
+def filter_log(filter: RecursiveFilter | Plant, log: LogLike, smooth: bool = False) -> xr.Dataset:
     """A Kalman filter over a log, in one compiled call.
 
     A row is corrected with, and predicted to the next one with its inputs held. Times may be irregular: a prediction
@@ -153,7 +161,9 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
     if not isinstance(filter, Plant):
         outputs = new_at_their_times(filter, times, outputs)
     recursion = Recursion(
-        default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
+        default_filter(plant, times, inputs, outputs, ExtendedKalmanFilter)
+        if isinstance(filter, Plant)
+        else filter
     )
     rows = rows_of(times, inputs, outputs, recursion.filter.period)
     smoother = Smoother(recursion) if smooth else None  # refuses before any work
@@ -207,11 +217,13 @@ def dataset(
         "innovation_standard_deviation": (np.where(present, deviations, np.nan), "outputs"),
         **({"rejected": (rejected.astype(int), "outputs")} if gated else {}),
     }
-    coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"})}
+    coordinates: dict[str, tuple[object, ...]] = {
+        "time": ("time", times, {"units": "s", "long_name": "time"})
+    }
     for kind, names in (("state", plant.states), ("output", plant.outputs)):
         coordinates[f"{kind}_name"] = (f"{kind}_name", list(names))
         coordinates[f"{kind}_unit"] = (f"{kind}_name", [plant.unit(name) for name in names])
-    variables: dict[str, Any] = {
+    variables: dict[str, tuple[object, ...]] = {
         name: (("time", f"{kind[:-1]}_name"), values) for name, (values, kind) in columns.items()
     }
     variables |= {

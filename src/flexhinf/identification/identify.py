@@ -20,9 +20,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
@@ -40,6 +40,7 @@ from flexhinf.identification.defaults import (
 from flexhinf.identification.filtering import log_arrays
 from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Evaluation, Likelihood
+from flexhinf.identification.log import LogLike
 from flexhinf.identification.recursion import check_spacing, rows_of
 from flexhinf.identification.search import confirmed, restricted, searched
 from flexhinf.identification.sensing import at_their_times, known_sensors, new_at_their_times
@@ -167,7 +168,7 @@ class Identification(Summarised):
 
         Where it is `undecided` when a signal was true, those of each time that may be.
         """
-        found = {}
+        found: dict[str, tuple[float, float]] = {}
         for number, z, error in zip(
             self.unknowns.numbers, self.found, self.information.standard_errors * self._parts
         ):
@@ -241,7 +242,7 @@ class Identification(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Numbers with their intervals, noises, and what the log does not tell."""
-        rows = {}
+        rows: dict[str, str] = {}
         for (name, value), ends, number in zip(
             self.values.items(), self.intervals.values(), self.unknowns.numbers
         ):
@@ -271,7 +272,7 @@ class Identification(Summarised):
     def _parameters(self) -> list[Parameter]:
         """Parameters of the robot that the log tells, with their intervals."""
         misfit = "" if self.consistent else "; the model does not fit the log"
-        source, rows = f"identified from {self.samples} samples, 95 %{misfit}", []
+        source, rows = f"identified from {self.samples} samples, 95 %{misfit}", list[Parameter]()
         for number in self.unknowns.numbers:
             name, (first, last) = number.name, self.intervals[number.name]
             if name not in self.hidden:
@@ -293,7 +294,7 @@ def _rounded(value: float, width: float) -> float:
 
 def identify(
     model: Robot | Plant | str | os.PathLike[str],
-    log: Any,
+    log: LogLike,
     parameters: str | Sequence[str] | None = None,
     *,
     measured: str | Sequence[str] | None = None,
@@ -301,7 +302,7 @@ def identify(
     filter: RecursiveFilter | None = None,
     noise: bool = True,
     sensors: Sequence[Sensor] | Sensor = (),
-    process_noise: Any = None,
+    process_noise: ArrayLike | None = None,
     disturbance: float = LEFT_OUT,
 ) -> Identification:
     """The numbers of a robot or a plant under which a log is most likely.
@@ -410,6 +411,7 @@ def identify(
             times,
             inputs,
             outputs,
+            ExtendedKalmanFilter,
             form="covariance",
             process_noise=process_noise,
             measurement_noise=np.where(

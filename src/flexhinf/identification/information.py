@@ -107,7 +107,7 @@ class Information:
     @cached_property
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:
         """Combinations that the log does not tell."""
-        rows = []
+        rows: list[Unidentifiable] = []
         for variance, direction in zip(
             self._modes[0][~self._identifiable], self._modes[1].T[~self._identifiable]
         ):

@@ -16,11 +16,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import (
     Block,
     Buffer,
@@ -68,7 +69,7 @@ class Likelihood:
     count: int
 
     @cached_property
-    def timed(self) -> Any:
+    def timed(self) -> ExtendedKalmanFilter:
         """The filter with the time of a prediction as a parameter."""
         return timed(self.filter)
 
@@ -88,7 +89,16 @@ class Likelihood:
             "belief": n + n * n,
         }
 
-    def _row(self, belief: Any, before: Any, u: Any, seconds: Any, y: Any, flag: Any, *model: Any) -> Any:
+    def _row(
+        self,
+        belief: Elements,
+        before: Elements,
+        u: Elements,
+        seconds: Elements,
+        y: Elements,
+        flag: Elements,
+        *model: Elements,
+    ) -> Elements:
         """The next belief, flat, and the innovation with its covariance, flat."""
         filter, n = self.timed, self.timed.plant.n
         values, q, r = model
@@ -138,17 +148,26 @@ class Likelihood:
         inputs = [read_row(run, "inputs", sizes["inputs"], first) for first in (0, sizes["inputs"])]
         data = (belief, *inputs, *(read_row(run, name, sizes[name]) for name in LOG), *model)
 
-        def steps(inner: Any, column: Any, *held: Any) -> Any:
-            return inner.call(lambda *arrays: apply(along, *arrays)[0], column, *held)
+        def steps(inner: Composer, column: Block, *held: Block) -> Block:
+            return inner.call(turn, column, *held)
+
+        def turn(*arrays: Elements) -> Elements:
+            return apply(along, *arrays)[0]
+
+        def next_row(*arrays: Elements) -> Elements:
+            return apply(row, *arrays)[0]
+
+        def facts_seen(seen: Elements) -> Elements:
+            return facts_of(*_parts(seen))
 
         moved = run.sweep(steps, run.stacked(turned, directions), *data)
-        after = run.call(lambda *arrays: apply(row, *arrays)[0], *data)
+        after = run.call(next_row, *data)
         run.copy(moved[:size], turned)
         scores = moved[size : size + 1]
         write_row(run, "scores", scores, scores.size)
         run.copy(run.gram(moved[size + 1 :].T, np.ones(p + p * p), information), information)
         run.copy(after[:size], belief)
-        facts = run.call(lambda seen: facts_of(*_parts(seen)), after[size:])
+        facts = run.call(facts_seen, after[size:])
         write_row(run, "facts", facts, facts.size)
         write_row(run, "seen", after[size:], p + p * p)
         run.body.append(Guard(belief.place, 1))
@@ -216,7 +235,7 @@ class Likelihood:
         )
 
 
-def _parts(seen: Any) -> tuple[Any, Any]:
+def _parts(seen: Elements) -> tuple[Elements, Elements]:
     p = int((len(seen) + 0.25) ** 0.5)
     return seen[:p], seen[p:].reshape(p, p)
 
@@ -224,7 +243,7 @@ def _parts(seen: Any) -> tuple[Any, Any]:
 def _scores(seen: ca.SX, moved: ca.SX, p: int) -> ca.SX:
     """dℓ, and L⁻¹ dν with L⁻¹ dS L⁻ᵀ/√2, whose products are Fisher's information; S = L Lᵀ."""
 
-    def scored(seen: Any, moved: Any) -> Any:
+    def scored(seen: Elements, moved: Elements) -> Elements:
         (innovation, spread), (shift, change) = _parts(seen), _parts(moved)
         factor = cholesky(spread)
         white, shifted = solve_lower(factor, innovation), solve_lower(factor, shift)

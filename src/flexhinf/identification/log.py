@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text, number_text
@@ -21,7 +22,10 @@ from flexhinf.validation import (
 )
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from flexhinf.identification.doctor.finding import LogFinding
+    from flexhinf.loop import Trajectory
 
 #: Fewest rows, and the longest gap relative to the time between most samples (the 90 % quantile).
 FEWEST_ROWS, LONGEST_GAP = 3, 1000.0
@@ -32,6 +36,29 @@ class FileColumn(NamedTuple):
 
     name: str
     size: float = 1.0
+
+
+class LoggedArrays(Protocol):
+    """What has the arrays of a log: times (N,), s, inputs (N, m), None without any, and outputs (N, p)."""
+
+    @property
+    def times(self) -> np.ndarray:
+        """Of the rows, s."""
+        ...
+
+    @property
+    def inputs(self) -> np.ndarray | None:
+        """From the time of a row on."""
+        ...
+
+    @property
+    def outputs(self) -> np.ndarray:
+        """At the time of a row."""
+        ...
+
+
+#: A log, these arrays in this order, or a run or its data.
+LogLike: TypeAlias = "LoggedArrays | tuple[ArrayLike, ArrayLike | None, ArrayLike] | Trajectory | xr.Dataset"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,13 +100,13 @@ class Log(Summarised):
     (100, 0.01)
     """
 
-    times: Any
-    inputs: Any
-    outputs: Any
-    truth: Any = None
-    names: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    times: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    truth: np.ndarray | None = None
+    names: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
     source: str = ""
-    columns: Mapping[str, FileColumn] = field(default_factory=dict)
+    columns: Mapping[str, FileColumn] = field(default_factory=dict[str, FileColumn])
     findings: tuple[LogFinding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -96,8 +123,9 @@ class Log(Summarised):
         for what in ("inputs", "outputs", "truth"):
             if what == "truth" and self.truth is None:
                 continue
-            empty = what == "inputs" and self.inputs is None
-            stated = np.zeros((count, 0)) if empty else log_numbers(what, getattr(self, what))
+            stated = getattr(self, what)
+            empty = what == "inputs" and stated is None
+            stated = np.zeros((count, 0)) if empty else log_numbers(what, stated)
             array = stated[:, None] if stated.ndim == 1 else stated
             kind = {"inputs": "input", "outputs": "output", "truth": "state"}[what]
             names = self.names.get(kind)
@@ -123,7 +151,7 @@ class Log(Summarised):
             object.__setattr__(self, what, read_only(array))
         object.__setattr__(self, "names", {kind: tuple(names) for kind, names in self.names.items()})
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
 
     def summary(self) -> dict[str, str]:
@@ -156,7 +184,7 @@ class Log(Summarised):
         return float(np.median(np.diff(self.times)))
 
 
-def log_numbers(what: str, values: Any) -> np.ndarray:
+def log_numbers(what: str, values: object) -> np.ndarray:
     """The times, inputs, outputs or true states of a log as a new array; InvalidInput for what are no numbers."""
     with suppress(ValueError):
         array = real_array(values, strict=True)
@@ -171,7 +199,7 @@ def log_numbers(what: str, values: Any) -> np.ndarray:
     )
 
 
-def _remedy(what: str, values: Any) -> str:
+def _remedy(what: str, values: object) -> str:
     """What to try instead of values that are no real numbers."""
     kind = ""
     with suppress(Exception):  # whatever a foreign object does when it is asked for elements

@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -110,14 +109,14 @@ def is_number(cell: str) -> bool:
     return False
 
 
-def no_number(file: str, name: str, place: str, value: Any) -> InvalidInput:
+def no_number(file: str, name: str, place: str, value: object) -> InvalidInput:
     """The refusal of a value among numbers."""
-    comma = isinstance(value, str) and is_number(value.replace(",", ".", 1))
+    text = value.strip().replace(",", ".", 1) if isinstance(value, str) else None
     return InvalidInput(
         f"{file}, {place}: this is no number.",
         f"expected a finite number, or nothing where it is missing, in the column {value_text(name, 60)}; got "
         f"{value_text(value, 60)}",
-        f"a decimal point: {value.strip().replace(',', '.')}" if comma else "0.5, or an empty cell",
+        f"a decimal point: {text}" if text is not None and is_number(text) else "0.5, or an empty cell",
     )
 
 
@@ -202,7 +201,7 @@ def over_midnight(stamps: np.ndarray) -> np.ndarray:
     return stamps + days.astype("timedelta64[D]")
 
 
-def no_stamp(file: str, name: str, place: str, value: Any) -> InvalidInput:
+def no_stamp(file: str, name: str, place: str, value: object) -> InvalidInput:
     """The refusal of a value among times."""
     text = value.strip() if isinstance(value, str) else ""
     advice = "leave the row out"
@@ -263,7 +262,7 @@ def refuse_rows(name: str, rows: int) -> None:
 
 
 @contextlib.contextmanager
-def foreign_errors(path: Path, kind: str) -> Iterator[None]:
+def foreign_errors(path: Path, kind: str) -> Generator[None]:
     """Errors of another library about a file as ours."""
     try:
         yield

@@ -4,6 +4,9 @@ A file is looked at twice: first the names of its columns, by which a reader say
 are needed. Everything else in the file may be text, or missing.
 """
 
+# pyarrow has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import datetime
@@ -94,7 +97,7 @@ def _csv_columns(path: Path) -> FileColumns:
         rows = chain([first], rows)
 
     def load(time: Sequence[int], places: Sequence[int]) -> Loaded:
-        lines, needed = [], (*time, *places)
+        lines, needed = list[int](), (*time, *places)
         cells: list[list[str]] = [[] for _ in needed]
         for line, row in rows:
             lines.append(line)
@@ -235,6 +238,7 @@ READERS: dict[str, Callable[[Path], FileColumns]] = {
     ".csv": _csv_columns,
     ".txt": _csv_columns,
     ".tsv": _csv_columns,
+    ".dat": _csv_columns,
     ".parquet": _parquet_columns,
     ".mcap": mcap_columns,
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Heading:
 
     def __init__(self, file: FileColumns, units: Mapping[str, str | float]) -> None:
         self.file, self.units = file, units
-        self.columns = []
+        self.columns: list[NamedColumn] = []
         for place, text in enumerate(file.names):
             name, unit = name_and_unit(text)
             if unit.isdigit():  # position[0] of an array
@@ -58,7 +58,7 @@ class Heading:
         exact = [column for column in self.columns if self.file.names[column.place].strip() == text.strip()]
         return exact or [column for column in self.columns if column.name == text.strip()]
 
-    def column(self, text: Any, what: str) -> NamedColumn:
+    def column(self, text: str, what: str) -> NamedColumn:
         """The column of a stated name, with the unit that is stated behind it."""
         checked_kind(f"The column of {what} has no name.", text, str, "text", "'pos' or 'pos [deg]'")
         columns, (name, unit) = self.named(text), name_and_unit(text)
@@ -120,7 +120,7 @@ class Heading:
         pairs = [pair for each in self.columns if (pair := self._paired(each.name)) is not None]
         ending = [each for each in self.columns if _plain(without_unit(each.name, "s")[0]) in TIMES]
         paths = [each for each in self.columns if _plain(re.split(r"[./]", each.name)[-1]) in TIMES]
-        columns = next(filter(None, [*called, list(dict.fromkeys(pairs)), ending]), [])
+        columns = next(filter(None, [*called, list(dict.fromkeys(pairs)), ending]), list[NamedColumn]())
         if columns or len(paths) == 1:
             return self._whole(self.in_stated_unit(self.only(columns or paths, "the time")))
         names = [column.name for column in self.columns]

@@ -1,5 +1,9 @@
 """Logs in MCAP: a column for each number of a topic's messages, in JSON or of ROS 2."""
 
+# Messages hold what their writer chose, and the package lz4 has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import io
@@ -259,7 +263,7 @@ def _fields(name: str, message: Any) -> Iterator[tuple[str, float]]:
                 yield from _fields(f"{name}/{key}", entry)
 
 
-def _is_array(value: Any) -> bool:
+def _is_array(value: object) -> bool:
     return (
         hasattr(value, "__len__")
         and hasattr(value, "__getitem__")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from flexhinf.identification.log import FEWEST_ROWS, FileColumn, Log, check_time
 from flexhinf.identification.log_columns import FileColumns, Loaded
 from flexhinf.identification.log_files import file_columns
 from flexhinf.identification.log_heading import Heading, NamedColumn
+from flexhinf.identification.log_series import advised_series, expanded_columns
 from flexhinf.identification.log_units import is_other, unit_in, with_unit, without_unit
 from flexhinf.identification.quantisation import smallest_step
 from flexhinf.identification.sensing import moved_back
@@ -71,7 +72,7 @@ def read_log(
     Parameters
     ----------
     path : path
-        .csv, .txt or .tsv: a header, then rows of numbers with decimal points between commas, semicolons or tabs,
+        .csv, .txt, .tsv or .dat: a header, then rows of numbers with decimal points between commas, semicolons or tabs,
         nothing or nan where a value is missing. .parquet and .mcap need ``flexhinf[log]``. In MCAP a column is
         ``topic/field``, of several topics at their own times: those of the log, or with ``time="topic/header/stamp"``
         those of the header, of every topic that has one.
@@ -79,8 +80,8 @@ def read_log(
         ``robot.plant(measured=...)``.
     columns : mapping of str to str, optional
         Columns by the signal's name: ``{"motor_position": "motor/pos", "drive_torque": "effort [mNm]"}``; a number in
-        the place of a unit is what one is in the signal's SI unit, ``"counts [0.00153]"``. ``state.NAME`` is a true
-        state.
+        the place of a unit is what one is in the signal's SI unit, ``"counts [0.00153]"``. ``{"link_position": "q#"}``
+        are the columns q1, q2, … of all joints, in their order. ``state.NAME`` is a true state.
     time : str, optional
         The column of times, also with its unit, ``"stamp [ms]"``; by default one called time, t, timestamp or stamp,
         also with a unit behind it, ``time_ms``; or ``header.stamp.sec`` with ``header.stamp.nanosec`` beside it.
@@ -273,7 +274,7 @@ def signals_in(path: str | os.PathLike[str], plant: Plant) -> tuple[str, ...]:
     return tuple(dict.fromkeys(signal.name for signal in signals if signal and signal.kind != "state"))
 
 
-def _check_samples(what: str, samples: Any, advice: str) -> None:
+def _check_samples(what: str, samples: object, advice: str) -> None:
     refuse_if(
         not is_integer(samples) or not 0 <= samples <= MOST_LATENCY,
         f"{what} is a number of samples.",
@@ -297,7 +298,7 @@ class Signal(NamedTuple):
     """A signal of a plant: "input", "output" or "state", and its place there."""
 
     kind: str
-    index: int
+    place: int
     name: str
 
 
@@ -319,7 +320,7 @@ def _chosen(
 ) -> dict[Signal, NamedColumn]:
     """The column of each signal, those of all inputs and outputs first, in the plant's order."""
     known, chosen = _signals(plant), dict[Signal, list[NamedColumn]]()
-    for name, text in columns.items():
+    for name, text in expanded_columns(heading, plant, columns).items():
         if name not in known:
             raise InvalidInput(
                 f"The plant has no signal {value_text(name, 60)}.",
@@ -359,7 +360,7 @@ def _chosen(
         "the name of the other column",
     )
     _check_complete(heading, plant, chosen, places)
-    order = sorted(chosen, key=lambda signal: (list(PREFIXES).index(signal.kind), signal.index))
+    order = sorted(chosen, key=lambda signal: (list(PREFIXES).index(signal.kind), signal.place))
     read = {signal: heading.in_stated_unit(chosen[signal][0], signal.name) for signal in order}
     heading.check_units()
     return read
@@ -384,18 +385,27 @@ def _check_complete(
     free = [
         column for column in heading.columns if column.place not in used and column.name not in plant.states
     ]
-    for kind, signals in (("input", plant.inputs), ("output", plant.outputs)):
-        for index, name in enumerate(signals):
-            if Signal(kind, index, name) in chosen:
-                continue
-            why = "the model needs every input at every sample"
-            if kind == "output":
-                why = "the plant measures it; a plant that does not: robot.plant(measured=...)"
-            raise InvalidInput(
-                f"{heading.file.path.name} has no column for the {kind} {name!r}.",
-                f"expected a column of that name ({why}); those of the file are {names}",
-                _advised_column(name, plant.unit(name), free),
-            )
+    missing = [
+        signal
+        for kind, signals in (("input", plant.inputs), ("output", plant.outputs))
+        for signal in (Signal(kind, index, name) for index, name in enumerate(signals))
+        if signal not in chosen
+    ]
+    if not missing:
+        return
+    first, series = missing[0], advised_series([signal.name for signal in missing], free, plant)
+    why = "the model needs every input at every sample"
+    if first.kind == "output":
+        why = "the plant measures it; a plant that does not: robot.plant(measured=...)"
+    more = f", and for {len(missing) - 1} more" if len(missing) > 2 else ""
+    more = f", and for {missing[1].name!r}" if len(missing) == 2 else more
+    raise InvalidInput(
+        f"{heading.file.path.name} has no column for the {first.kind} {first.name!r}{more}.",
+        f"expected a column of that name ({why}); those of the file are {names}",
+        f"columns={series}, if its columns are numbered in the order of the joints"
+        if series
+        else _advised_column(first.name, plant.unit(first.name), free),
+    )
 
 
 def _advised_column(signal: str, si: str, free: Sequence[NamedColumn]) -> str:
@@ -429,7 +439,7 @@ def _log(
         "state": np.full((len(times), plant.n), np.nan),
     }
     for signal, column in zip(chosen, values.T):
-        tables[signal.kind][:, signal.index] = column
+        tables[signal.kind][:, signal.place] = column
     name = file.path.name
     for index, output in enumerate(plant.outputs):
         refuse_if(
@@ -465,7 +475,7 @@ def _log(
 
 def _place_of(chosen: Mapping[Signal, NamedColumn], kind: str, index: int) -> str:
     return next(
-        column.name for signal, column in chosen.items() if (signal.kind, signal.index) == (kind, index)
+        column.name for signal, column in chosen.items() if (signal.kind, signal.place) == (kind, index)
     )
 
 

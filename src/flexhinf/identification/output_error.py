@@ -8,8 +8,8 @@ program with no disturbance and a first state that is known: then the filter cor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from flexhinf.identification.filtering import log_arrays
 from flexhinf.identification.identify import Identification
 from flexhinf.identification.information import Information
 from flexhinf.identification.likelihood import Evaluation, Likelihood
+from flexhinf.identification.log import LogLike
 from flexhinf.identification.recursion import rows_of
 from flexhinf.identification.search import searched
 from flexhinf.identification.unknowns import Unknowns
@@ -77,7 +78,7 @@ class FreeStart:
 class SimulationLikelihood(Likelihood):
     """The likelihood of a log under a simulation: no disturbance, and a first state that is known."""
 
-    def evaluate(self, model: Any, directions: np.ndarray) -> Evaluation | None:
+    def evaluate(self, model: Sequence[np.ndarray], directions: np.ndarray) -> Evaluation | None:
         """As that of the filter; the model's last part is the first state (n,), as are the last directions."""
         *arrays, first = model
         n, k = len(first), self.count
@@ -110,7 +111,7 @@ class OutputError(Summarised):
     fits: dict[str, float]
     first: np.ndarray
     differing: tuple[str, ...]
-    units: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict[str, str])
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -130,7 +131,7 @@ class OutputError(Summarised):
         return rows | {f"simulated {name}": f"{100.0 * fit:.4g} %" for name, fit in self.fits.items()}
 
 
-def output_error(found: Identification, log: object) -> OutputError | None:
+def output_error(found: Identification, log: LogLike) -> OutputError | None:
     """The numbers of an identification as the simulation of its model tells them; None where it goes astray.
 
     Parameters
@@ -224,7 +225,7 @@ def output_error(found: Identification, log: object) -> OutputError | None:
 
 def _differing(found: Identification, values: dict[str, float], errors: dict[str, float]) -> tuple[str, ...]:
     """Names of the numbers that lie outside of both intervals."""
-    apart = []
+    apart: list[str] = []
     for name, value in values.items():
         spread = DEVIATIONS * np.hypot(found.standard_errors[name], errors[name])
         far = abs(value - found.values[name])

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import (
     Block,
     Buffer,
@@ -32,6 +33,7 @@ from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.loop.controller.measured import by_flag
 from flexhinf.loop.controller.memory import Layout
 from flexhinf.plant import Plant
+from flexhinf.plant.parameters import Parameters
 from flexhinf.scalars import cholesky, solve_lower
 from flexhinf.validation import checked_kind
 
@@ -79,20 +81,26 @@ class TimedFlow:
     def __init__(self, plant: Plant) -> None:
         self.flow, self.sampled = plant.flow, plant.sampled
 
-    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def __call__(self, x: Elements, u: Elements, d: Elements, p: Parameters) -> Elements:
         """dx/dτ (n,), on any element."""
         if self.sampled:
             return self.flow(x, u, d, p)
         return getattr(p, SECONDS) * np.asarray(self.flow(x, u, d, p))
 
 
-def timed(filter: RecursiveFilter) -> RecursiveFilter:
+#: A filter of the same kind.
+FilterKind = TypeVar("FilterKind", bound=RecursiveFilter)
+
+
+def timed(filter: FilterKind) -> FilterKind:
     """The same filter with the time of a prediction as the last parameter of its plant."""
     plant = filter.plant
     scaled = replace(
         plant, flow=TimedFlow(plant), parameters={**plant.parameters.values, SECONDS: filter.period}
     )
-    return type(filter)(**{**filter.settings(), "plant": scaled, "period": 1.0})
+    settings: dict[str, Any] = {**filter.settings()}
+    settings |= {"plant": scaled, "period": 1.0}
+    return type(filter)(**settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +191,7 @@ class Recursion:
             facts = run.call(facts_of, innovation, spread)
         belief = type(prior)(*(run.call(by_flag, new, old, flag) for new, old in zip(corrected, prior)))
         for name, block in {"innovations": innovation, "spreads": spread, "facts": facts}.items():
-            write(name, block)
+            write(name, cast("Block", block))
         for part, place in self.layout.pairs(belief._asdict()):
             write("beliefs", part, place.start)
         predicted = filter.time_stages(run.as_run, belief, *as_arrays(u, vector, run.call(grown, q, seconds)))
@@ -260,17 +268,17 @@ def write_row(run: Composer, name: str, block: Block, width: int, first: int = 0
     run.copy(block, Block(Slice(name, first, block.size, strides=(width,)), block.shape))
 
 
-def joined(first: Any, second: Any) -> Any:
+def joined(first: Elements, second: Elements) -> Elements:
     """Two vectors as one."""
     return np.concatenate([first, second])
 
 
-def grown(noise: Any, seconds: Any) -> Any:
+def grown(noise: Elements, seconds: Elements) -> Elements:
     """R^v (n, n) over so many seconds (1,), of that per second."""
     return noise * seconds[0]
 
 
-def facts_of(innovation: Any, spread: Any) -> Any:
+def facts_of(innovation: Elements, spread: Elements) -> Elements:
     """The squared innovation (p,) over its covariance (p, p), and the logarithm of the determinant, (2,)."""
     factor = cholesky(spread)
     white = solve_lower(factor, innovation)

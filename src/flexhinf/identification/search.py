@@ -5,8 +5,9 @@ The noises are then turned towards the restricted likelihood, and each number is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -33,7 +34,7 @@ LITTLE = 1e-4
 class SearchSpace(Protocol):
     """What a search needs of its unknowns z (k,); see `Unknowns`."""
 
-    def model(self, z: np.ndarray) -> tuple[Any, np.ndarray]:
+    def model(self, z: np.ndarray) -> tuple[Sequence[np.ndarray], np.ndarray]:
         """The model's arrays, and their derivatives."""
         ...
 
@@ -74,7 +75,7 @@ def searched(
         gain = 0.5 * slope @ np.linalg.lstsq(shape + 1e-9 * np.eye(len(slope)), slope, rcond=None)[0]
         if gain < GAIN:
             return z, best, iteration
-        found, most = None, LONGEST * unknowns.sizes(z)[free]
+        found, trial, most = None, z, LONGEST * unknowns.sizes(z)[free]
         while found is None or found.value <= best.value:
             if damping > STIFFEST:  # no better point: rounding
                 return z, best, iteration

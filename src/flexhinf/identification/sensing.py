@@ -22,7 +22,7 @@ def known_sensors(sensors: Sequence[Sensor] | Sensor, plant: Plant, period: floa
     Raises InvalidInput: as `SensorTable.of`.
     """
     several = (sensors,) if isinstance(sensors, Sensor) else tuple(sensors)
-    named = {name for sensor in several if isinstance(sensor, Sensor) for name in plant.expanded(sensor.name)}
+    named = {name for sensor in several for name in plant.expanded(sensor.name)}
     others = [Sensor(name) for name in plant.outputs if name not in named]
     return SensorTable.of((*several, *others), plant.outputs, plant.expanded, period, NEAR)
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import Block, Buffer, Composer, Kernel, Program, Repeat, Slice, compile_program
 from flexhinf.codegen.shared import share
 from flexhinf.errors import refuse_if
@@ -162,9 +163,9 @@ def solved_rows(triangles: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, n
     return result / scale[:, :, None], remainder
 
 
-def _with_zeros(row: Any, mean: Any) -> Any:
+def _with_zeros(row: Elements, mean: Elements) -> Elements:
     return np.concatenate([row, np.zeros(len(mean))])
 
 
-def _second(row: Any) -> Any:
+def _second(row: Elements) -> Elements:
     return row[len(row) // 2 :]

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import refuse_if
 from flexhinf.estimation import RecursiveFilter
@@ -278,14 +278,14 @@ class Unknowns:
         values = self.values(z)
         if self.robot is not None:
             return self.plant.with_parameters(**self._of_robot(values))
-        table: dict[str, Any] = {}
+        table: dict[str, np.ndarray] = {}
         for label, value in values.items():
             name, _, place = label.partition("[")
             array = table.setdefault(name, np.array(self.plant.parameters.values[name], dtype=float))
             array[() if not place else np.unravel_index(int(place[:-1]) - 1, array.shape)] = value
         return self.plant.with_parameters(**table)
 
-    def _of_robot(self, values: Mapping[str, float]) -> dict[str, Any]:
+    def _of_robot(self, values: Mapping[str, float]) -> dict[str, ArrayLike]:
         assert self.robot is not None
         changed = self.robot.plant_parameters({**self.robot.nominal, **values})
         return self.plant.parameters.known(changed)
@@ -296,7 +296,7 @@ class Unknowns:
         vector = self.at(z).parameters.vector()
         deviations, levels = self.noise_levels(z)
         q, r = self.noises.matrices(deviations, levels)
-        columns = []
+        columns: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         for k, number in enumerate(self.numbers):
             step = STEP if number.sign == "positive" else STEP * max(abs(z[k]), abs(number.value), 1e-3)
             ends = [self.at(z + sign * step * np.eye(len(z))[k]).parameters.vector() for sign in (-1.0, 1.0)]

@@ -2,13 +2,13 @@
 
 from .bode import bode_figure as bode_figure
 from .campaign import write_campaign as write_campaign
+from .campaign_numbers import metric_text as metric_text
 from .campaign_parts import (
     campaign_design as campaign_design,
     campaign_verdict as campaign_verdict,
     gain_replay_table as gain_replay_table,
     gain_text as gain_text,
     journal_design as journal_design,
-    metric_text as metric_text,
     missed_by as missed_by,
     pair_designs as pair_designs,
     pair_table as pair_table,

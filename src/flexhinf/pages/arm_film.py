@@ -109,7 +109,9 @@ def two_arms(
         axes.plot([], [], label=text, **style)
     base = skeleton(robot, arms[0][1][0])[0][0] @ view
     axes.plot(*base, "o", color=INK, markersize=4.0)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", adjustable="datalim")
+    axes.set_xlim(low[0], high[0], auto=True)  # at least: the aspect widens one of them
+    axes.set_ylim(low[1], high[1], auto=True)
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{names[0]} (m)")
     label(axes, names[1], "m")
     legend_above(figure, axes, 2)

@@ -30,9 +30,19 @@ from flexhinf.design.campaign_folder import (
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
 from flexhinf.pages.arm_film import two_arms
-from flexhinf.pages.campaign_parts import (
+from flexhinf.pages.campaign_numbers import (
     METRIC_LABELS,
     NO_LIMIT,
+    display_scale,
+    in_degrees,
+    interval_text,
+    limit_text,
+    metric_text,
+    percent_text,
+    readable,
+    value_text,
+)
+from flexhinf.pages.campaign_parts import (
     SPREAD,
     by_effect,
     campaign_design,
@@ -40,14 +50,9 @@ from flexhinf.pages.campaign_parts import (
     few_ticks,
     gain_changes,
     histogram,
-    interval_text,
-    limit_text,
-    metric_text,
     missed_by,
     percent_change,
-    percent_text,
     plant_text,
-    readable,
     replay_command,
     sample_changes,
     share_text,
@@ -55,7 +60,6 @@ from flexhinf.pages.campaign_parts import (
     square_text,
     unbroken,
     unstable_text,
-    value_text,
     worst_text,
     write_page,
 )
@@ -130,7 +134,7 @@ def write_campaign(
     runs = "moves between random goals" if "goals" in settings else f"loops of {settings['duration']} s"
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
-    search = "" if case is None else f"Search: {worst_text(case)}"
+    search = "" if case is None else f"Search: {worst_text(judged, case)}"
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
     heads = {
         "variable ": "Numbers that differ",
@@ -168,12 +172,13 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         KeyNumber("success", percent_text(judged.rate), note=how),
         KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
     ]
+    degrees = in_degrees(judged)
     for name in [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]:
         worst, unit = judged.worst(name), judged.table.unit(name)
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
-            value = ("never", "") if np.isinf(largest) else readable(largest, unit)
-            note = f"median {value_text(float(median), unit)}; sample {worst}"
+            value = ("never", "") if np.isinf(largest) else readable(largest, unit, degrees)
+            note = f"median {value_text(float(median), unit, degrees)}; sample {worst}"
             numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
     return numbers
 
@@ -182,7 +187,7 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
     missed = [f"{judged.failures} of {judged.count} samples fail."] if judged.failures else []
     missed += [
         f"A search found a robot within the tolerances that misses {metric_text(requirement.metric)} "
-        f"({limit_text(requirement, case.unit)})."
+        f"({limit_text(requirement, case.unit, in_degrees(judged))})."
         for case in cases
         for requirement in missed_by(case, judged.requirements)
     ]
@@ -221,7 +226,7 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     kept = [
         ("reaches the end of the run", "", ends),
         ("is stable there", "", ends + judged.of_status(UNSTABLE)),
-        *((metric_text(limit.metric), limit_text(limit, judged.table.unit(limit.metric)),
+        *((metric_text(limit.metric), limit_text(limit, judged.table.unit(limit.metric), in_degrees(judged)),
            int(judged.violations[:, k].sum())) for k, limit in enumerate(limits)),
     ]  # fmt: skip
     interval = (
@@ -256,9 +261,9 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
         status = str(judged.column("status")[k])
         reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
         reasons += [
-            f"{metric_text(requirement.metric)} "
-            f"{value_text(float(judged.column(requirement.metric)[k]), judged.table.unit(requirement.metric))}"
-            for requirement in judged.missed(k)
+            f"{metric_text(rule.metric)} "
+            f"{value_text(float(judged.column(rule.metric)[k]), judged.table.unit(rule.metric), in_degrees(judged))}"
+            for rule in judged.missed(k)
         ]
         if status == NOT_RUN:
             reasons = [f"not run: {judged.column('failure')[k]}"]
@@ -284,10 +289,10 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         shares = (case.found.value / rule.limit for rule in own if rule.at_most and rule.limit > 0.0)
         used.append(math.inf if case.found.status != COMPLETED else max(shares, default=-1.0))
         rows.append((
-            metric_text(case.metric), plant_text(case, case.nominal),
-            f"{plant_text(case, case.sampled)} ({case.sample})", plant_text(case, case.found),
+            metric_text(case.metric), plant_text(judged, case, case.nominal),
+            f"{plant_text(judged, case, case.sampled)} ({case.sample})", plant_text(judged, case, case.found),
             "–" if math.isnan(case.factor) else number(case.factor, 3),
-            "; ".join(limit_text(rule, case.unit) for rule in own) or "–",
+            "; ".join(limit_text(rule, case.unit, in_degrees(judged)) for rule in own) or "–",
             f"{case.together} of {case.starts}" if case.worse else "none",
         ))  # fmt: skip
     case, first = cases[used.index(max(used))], cases[0]
@@ -298,7 +303,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         else ""
     )
     varied = ((name, case.found.numbers[name], case.intervals[name]) for name in by_effect(case))
-    metric, text = metric_text(case.metric), worst_text(case)
+    metric, text = metric_text(case.metric), worst_text(judged, case)
     return [
         Paragraph(
             f"{first.starts} searches for each metric, by gradients from differences, begin at the worst "
@@ -321,7 +326,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
                     name.replace("_", " "), number(value, 6), case.units[name],
                     percent_change(name, value, case.nominal.numbers[name]) or "–",
                     "lowest" if value == low else "highest" if value == high else "inside",
-                    value_text(case.alone[name], case.unit),
+                    value_text(case.alone[name], case.unit, in_degrees(judged)),
                 )
                 for name, value, (low, high) in varied
             ],
@@ -343,20 +348,21 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
         int(np.argmax(np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)))
     ]
 
-    def panel(name: str, kind: str, read: Callable[[Trajectory], np.ndarray], **options: Any) -> Panel:
+    def panel(name: str, kind: str, read: Callable[[Trajectory], np.ndarray], near: bool = False) -> Panel:
+        unit = dict(zip(worst.names[kind], worst.units[kind])).get(name, "")
+        scale, unit = display_scale(unit, in_degrees(judged))
         lines = [
-            Line(run.time, read(run), each, style)
+            Line(run.time, scale * read(run), each, style)
             for (each, run), style in zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0]))
         ]
-        unit = dict(zip(worst.names[kind], worst.units[kind])).get(name, "")
-        return Panel(name.replace("_", " "), unit, lines, **options)
+        tracked = scale * read(nominal)
+        return Panel(name.replace("_", " "), unit, lines, y=_close(tracked[-1], tracked) if near else None)
 
-    tracked = nominal.tracked(signal)
     return [draw_figure(
         "worst-case",
         [
             panel(signal, "state", lambda run: run.tracked(signal)),
-            panel(signal, "state", lambda run: run.tracked(signal), y=_close(tracked[-1], tracked)),
+            panel(signal, "state", lambda run: run.tracked(signal), near=True),
             panel(u, "input", lambda run: run.signal("input", u)),
         ],
         f"The robot with the worst {metric_text(case.metric)} that was found, the worst sample and the nominal robot, "
@@ -411,16 +417,6 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
     ]  # fmt: skip
 
 
-def display_scale(judged: CampaignJudgement, unit: str) -> tuple[float, str]:
-    """Factor and unit in which numbers of a unit are shown: angles as on the page of the design."""
-    degrees = judged.table.journal.settings.get("design angle_unit") == "deg"
-    return (
-        (math.degrees(1.0), {"rad": "°", "rad/s": "°/s"}[unit])
-        if degrees and unit in ("rad", "rad/s")
-        else (1.0, unit)
-    )
-
-
 # Signals and metrics -----------------------------------------------------------------------------------------
 def _signals(judged: CampaignJudgement) -> list[Any]:
     # the kept signals, and the end of the one that differs most; the worst run is drawn apart
@@ -443,7 +439,8 @@ def _signals(judged: CampaignJudgement) -> list[Any]:
             spreads[k] = float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / float(np.ptp(trace))
     close = int(np.argmax(spreads))
     panels = (*range(len(names)), close)
-    scales = [display_scale(judged, judged.table.unit(name)) for name in names]
+    degrees = in_degrees(judged)
+    scales = [display_scale(judged.table.unit(name), degrees) for name in names]
     labels = [(names[k].removeprefix(TRACE).replace("_", " "), scales[k][1]) for k in panels]
     figure, axes = new_figure(len(panels), labels=labels)
     for axis, k in zip(axes, panels):
@@ -493,7 +490,7 @@ def _arms(judged: CampaignJudgement) -> list[Any]:
 
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:
-    blocks = list[Any]()
+    blocks, degrees = list[Any](), in_degrees(judged)
     for kind, title, anchor in (
         ("metric", "Metrics over all samples that have them", "table-metrics"),
         (PART, "Joint by joint", "table-joints"),
@@ -503,10 +500,10 @@ def _metrics(judged: CampaignJudgement) -> list[Any]:
             ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst"),
             [
                 (
-                    metric_text(name), display_scale(judged, judged.table.unit(name))[1],
+                    metric_text(name), display_scale(judged.table.unit(name), degrees)[1],
                     *(
                         "never" if np.isinf(x)
-                        else number(display_scale(judged, judged.table.unit(name))[0] * float(x), 3)
+                        else number(display_scale(judged.table.unit(name), degrees)[0] * float(x), 3)
                         for x in judged.quantiles(name)
                     ),
                     judged.worst(name),
@@ -526,7 +523,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
         return []
     figure, axes = small_panels(len(varied), 1.9)
     for k, (axis, (name, raw)) in enumerate(zip(axes, varied.items())):
-        factor, unit = display_scale(judged, judged.table.unit(name))
+        factor, unit = display_scale(judged.table.unit(name), in_degrees(judged))
         values, most = factor * raw, factor * np.abs(raw).max()
         histogram(axis, judged, name, unit, values, "samples" if k % 3 == 0 else "")
         few_ticks(axis, most, "x")

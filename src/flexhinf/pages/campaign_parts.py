@@ -16,7 +16,6 @@ import numpy as np
 from flexhinf.campaign import (
     CampaignJudgement,
     EvaluatedPlant,
-    Interval,
     Journal,
     PairedMetric,
     Replayed,
@@ -28,6 +27,15 @@ from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow, verdic
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
+from flexhinf.pages.campaign_numbers import (
+    display_scale,
+    in_degrees,
+    interval_text,
+    limit_text,
+    metric_text,
+    percent_text,
+    value_text,
+)
 from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, framed
 from flexhinf.pages.page import design_statuses
@@ -51,22 +59,6 @@ from flexhinf.report import (
     panels,
 )
 
-#: Labels of metrics in sentences; others are written with spaces.
-METRIC_LABELS = {
-    "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",
-    "tracking_rmse": "RMS tracking error", "estimation_rmse": "RMS estimation error",
-    "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
-    "speed_limit_use": "use of the speed's limit", "tracking_error_use": "use of the tracking error's limit",
-    "tracking_error": "tracking error", "final_error_use": "use of the limit after the move",
-    "final_error": "distance after the move", "remaining_error_use": "use of the remaining error's limit",
-    "path_distance_use": "use of the limit beside the path", "path_distance": "distance from the path",
-    "wrong_way_percent_use": "use of the limit of motion the wrong way", "wrong_way_percent": "motion the wrong way",
-    "ripple_percent_use": "use of the ripple's limit", "ripple_percent": "ripple of the motors",
-    "time_at_limit_s_use": "use of the time at an input's limit", "time_at_limit_s": "time at an input's limit",
-    "range_use": "distance beyond a joint's range", "input_rate_use": "use of the largest rate of an input",
-    "input_acceleration_use": "use of the largest acceleration of an input",
-}  # fmt: skip
-
 #: The requirement of a design that a metric of its campaign judges.
 JUDGED = {
     metric: REQUIREMENTS[name].what
@@ -86,52 +78,6 @@ SPREAD = {
 
 #: Numbers of a sample that are listed.
 LISTED = 4
-
-#: Angles, rad, and distances, m, below this are shown in mrad and mm.
-SMALL = 0.1
-
-#: Time limits beyond this are no limits: the run only has to get there.
-NO_LIMIT = 1e8
-
-
-def metric_text(metric: str, unit: str = "") -> str:
-    """Name of a metric in a sentence, with its unit in parentheses, and of a joint's metric with the joint."""
-    whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
-    text = METRIC_LABELS.get(whole, "") + metric.removeprefix(whole).replace("_", " ")
-    return f"{text} ({unit})" if unit else text
-
-
-def percent_text(fraction: float) -> str:
-    """A fraction in per cent, with enough digits to distinguish it from 0 and 100 %."""
-    if 0.0 < fraction < 0.01:
-        return f"{number(100 * fraction, 2)} %"
-    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if 0.5 < fraction < 1.0 else 1
-    return f"{100 * fraction:.{0 if fraction in (0.0, 1.0) else digits}f} %"
-
-
-def interval_text(interval: Interval) -> str:
-    """A confidence interval of a fraction, in per cent."""
-    return f"{percent_text(interval.low)} to {percent_text(interval.high)}"
-
-
-def value_text(value: float, unit: str) -> str:
-    """A number with its unit; infinity is a time that is never reached."""
-    value, unit = readable(value, unit)
-    return "never" if np.isinf(value) else f"{number(value, 3)} {unit}".strip()
-
-
-def readable(value: float, unit: str) -> tuple[float, str]:
-    """A value and its unit as pages of designs have them: small angles in mrad, small distances in mm."""
-    return (1e3 * value, f"m{unit}") if unit in ("rad", "m") and 0.0 < abs(value) < SMALL else (value, unit)
-
-
-def limit_text(requirement: Requirement, unit: str) -> str:
-    """The limit of a requirement, for example ``at most 5 %``."""
-    return (
-        "within the run"
-        if requirement.at_most and requirement.limit >= NO_LIMIT
-        else f"at {'most' if requirement.at_most else 'least'} {value_text(requirement.limit, unit)}"
-    )
 
 
 def percent_change(name: str, value: float, nominal: float | None) -> str:
@@ -191,7 +137,8 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     )
     if (worst := judged.worst_of_all) is None:
         return f"{text}."
-    value = value_text(float(judged.column(judged.main)[worst]), judged.table.unit(judged.main))
+    size, unit = float(judged.column(judged.main)[worst]), judged.table.unit(judged.main)
+    value = value_text(size, unit, in_degrees(judged))
     return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
 
 
@@ -216,21 +163,22 @@ def unstable_text(judged: CampaignJudgement) -> str:
     )
 
 
-def worst_text(case: WorstCase) -> str:
+def worst_text(judged: CampaignJudgement, case: WorstCase) -> str:
     """Result of the search in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
-    name, sampled = metric_text(case.metric), plant_text(case, case.sampled)
+    name, sampled = metric_text(case.metric), plant_text(judged, case, case.sampled)
     if not case.worse:
         return f"worst {name}: {sampled} of sample {case.sample}; the search found no worse robot."
     times = "" if math.isnan(case.factor) else f"{number(case.factor, 3)} times "
     numbers, nominal = case.found.numbers, case.nominal.numbers
     at = _changes_text([(n, numbers[n], nominal[n], case.units[n]) for n in by_effect(case)], "{} others")
-    value = plant_text(case, case.found)
+    value = plant_text(judged, case, case.found)
     return f"worst {name} found: {value} ({times}the {sampled} of sample {case.sample}), at {at}."
 
 
-def plant_text(case: WorstCase, plant: EvaluatedPlant) -> str:
+def plant_text(judged: CampaignJudgement, case: WorstCase, plant: EvaluatedPlant) -> str:
     """The metric of a plant, or why it has none."""
-    return value_text(plant.value, case.unit) if plant.status == COMPLETED else plant.status
+    done = plant.status == COMPLETED
+    return value_text(plant.value, case.unit, in_degrees(judged)) if done else plant.status
 
 
 def by_effect(case: WorstCase) -> list[str]:
@@ -366,7 +314,11 @@ def write_pair(result: DesignPair) -> Path:
     """Write index.html of a comparison; returns its path."""
     settings, counts = result.judged[0].table.journal.settings, result.paired.success
     metrics = map(result.paired.metric, result.paired.metrics)
-    varied = [m for m in metrics if np.any(np.isfinite(m.differences) & (m.differences != 0.0))]
+    varied = [
+        _in_page_units(result, m)
+        for m in metrics
+        if np.any(np.isfinite(m.differences) & (m.differences != 0.0))
+    ]
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
         blocks = [*_success(result), *_differences(result, varied[:6]), *_extremes(result, varied)]
@@ -410,7 +362,7 @@ def pair_verdict(result: DesignPair) -> str:
         text += f" ({counts.only_a} with A alone, {counts.only_b} with B alone{test})"
     if not paired.main:
         return f"{text}."
-    metric = paired.metric(paired.main)
+    metric = _in_page_units(result, paired.metric(paired.main))
     medians = [value_text(median, metric.unit) for median in metric.medians]
     better = [percent_text(share.rate) for share in metric.better]
     return (
@@ -423,6 +375,16 @@ def pair_verdict(result: DesignPair) -> str:
 def pair_designs(result: DesignPair) -> list[str]:
     """The verdict on each of the two designs."""
     return [f"{side}: {campaign_design(judged)}" for side, judged in zip("AB", result.judged)]
+
+
+def _in_page_units(result: DesignPair, metric: PairedMetric) -> PairedMetric:
+    """The metric in the unit of the design's pages."""
+    factor, unit = display_scale(metric.unit, in_degrees(result.judged[0]))
+    return (
+        metric
+        if unit == metric.unit
+        else PairedMetric(metric.name, unit, factor * metric.a, factor * metric.b, metric.largest_is_best)
+    )
 
 
 def _p_text(p: float) -> str:
@@ -451,8 +413,8 @@ def _success(result: DesignPair) -> list[Any]:
     differing = [(name.replace("_", " "), a, b) for name, a, b in result.differences]
     tally, first, own = result.paired.success, result.judged[0], result.b.requirements
     limits = [
-        f"{metric_text(requirement.metric)} {limit_text(requirement, first.table.unit(requirement.metric))}"
-        for requirement in result.paired.requirements
+        f"{metric_text(rule.metric)} {limit_text(rule, first.table.unit(rule.metric), in_degrees(first))}"
+        for rule in result.paired.requirements
     ]
     test = (
         f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(tally.p_value)}."
@@ -509,7 +471,7 @@ def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
                 ),
                 len(metric.pairs),
             )
-            for metric in map(result.paired.metric, names) if len(metric.pairs)
+            for metric in (_in_page_units(result, result.paired.metric(name)) for name in names) if len(metric.pairs)
         ],
         "Paired differences", "table-differences", title=f"B − A on the same {result.paired.count} robots",
     )  # fmt: skip

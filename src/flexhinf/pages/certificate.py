@@ -97,12 +97,12 @@ def certificate_page(
     with house_style():  # once for all figures
         sections = [
             *_theorem(claim),
-            Section("Where steps may start", _starts(law, evidence), "starts"),
+            Section("Where steps may start", _starts(law, evidence, s.in_degrees), "starts"),
             *([] if law.box else [Section("Where the level ends", _limit(evidence), "limit")]),
-            Section("Steps inside the region", _steps(law, evidence), "steps"),
-            Section("What disturbances may cost", _budget(evidence), "budget"),
-            Section("The gain from both sides", _gain(evidence), "gain"),
-            Section("The law of each degree", [*smaller, _degree_table(laws)], "degrees"),
+            Section("Steps inside the region", _steps(law, evidence, s.in_degrees), "steps"),
+            Section("What disturbances may cost", _budget(evidence, s.in_degrees), "budget"),
+            Section("The gain from both sides", _gain(evidence, s.in_degrees), "gain"),
+            Section("The law of each degree", [*smaller, _degree_table(laws, s.in_degrees)], "degrees"),
             Section(
                 "How to check it",
                 (
@@ -125,7 +125,7 @@ def certificate_page(
     lead, sections = first_screen(sections, ("starts", "worst"), ("proved", "starts"))
     return Page(
         f"Certificate: {claim.about.split(',')[0]}",
-        f"{claim.about}. {_whom_text(claim)}", _proved_text(claim), sections,
+        f"{claim.about}. {_whom_text(claim)}", _proved_text(claim, s.in_degrees), sections,
         Settings({"Certificate": [
             Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
             Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
@@ -138,7 +138,7 @@ def certificate_page(
                 for p in claim.parameters
             ),
             *(Setting(name, value) for name, value in claim.provenance.items()),
-        ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim),
+        ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim, s.in_degrees),
         [Status("proved", f"{_parts_text(claim)}, by arithmetic that cannot round the wrong way."),
          *design_statuses(verdict)],
         (f"The proof does not cover {missing[0].lower()}{missing[1:]}",), lead,
@@ -153,8 +153,8 @@ def _whom_text(claim: Certificate) -> str:
     return f"For {who}, fed {fed} in continuous time; disturbances: {channels}."
 
 
-def _proved_text(claim: Certificate) -> str:
-    reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
+def _proved_text(claim: Certificate, degrees: bool) -> str:
+    reach = f", and steps of up to {_steps_text(claim, degrees)} stay" if claim.starts else ""
     return f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach} in the region."
 
 
@@ -172,18 +172,23 @@ def _missing_text(claim: Certificate) -> str:
 
 
 # Numbers --------------------------------------------------------------------------------------------------
-def _position(claim: Certificate) -> tuple[float, str]:
-    unit = claim.states[0].unit  # of figures: degrees for a joint that turns
-    return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
+def _in(degrees: bool, unit: str) -> tuple[float, str]:
+    """Factor and unit in which numbers of a unit are shown, angles in `degrees` where the pages of the design are."""
+    angular = {"rad": "°", "rad·s": "°·s"}.get(unit, "") if degrees else ""
+    return (180.0 / np.pi, angular) if angular else (1.0, unit)
 
 
-def _angle(claim: Certificate, value: float) -> str:
-    unit = claim.states[0].unit
-    return f"{at_least(np.degrees(value), decimals=1)}°" if unit == "rad" else f"{at_least(value, 3)} {unit}"
+def _position(claim: Certificate, degrees: bool) -> tuple[float, str]:
+    return _in(degrees, claim.states[0].unit)
 
 
-def _steps_text(claim: Certificate) -> str:
-    return " or ".join(f"{_angle(claim, s.amplitude)} ({rule_text(s)})" for s in claim.starts)
+def _angle(claim: Certificate, value: float, degrees: bool) -> str:
+    scale, unit = _position(claim, degrees)
+    return f"{at_least(scale * value, decimals=1)}°" if unit == "°" else f"{at_least(value, 3)} {unit}"
+
+
+def _steps_text(claim: Certificate, degrees: bool) -> str:
+    return " or ".join(f"{_angle(claim, s.amplitude, degrees)} ({rule_text(s)})" for s in claim.starts)
 
 
 def _start_text(start: Start) -> str:
@@ -195,11 +200,11 @@ def _start_text(start: Start) -> str:
     }.get(start.rule, start.rule)
 
 
-def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
+def _numbers(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
     return [
         *(
-            KeyNumber(f"largest proved step, {rule_text(s)}", _angle(claim, s.amplitude), "", _start_text(s))
+            KeyNumber(f"largest proved step, {rule_text(s)}", _angle(claim, s.amplitude, degrees), "", _start_text(s))
             for s in claim.starts
         ),
         KeyNumber(
@@ -260,29 +265,28 @@ def _set(text: str) -> str:
 
 
 # Slices of the region -------------------------------------------------------------------------------------
-def _starts(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
-    claim, surface, (scale, unit) = evidence.certificate, evidence.surface, _position(evidence.certificate)
+def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]:
+    claim, surface = evidence.certificate, evidence.surface
+    scale, unit = _position(claim, degrees)
     if not law.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
-    text, blocks = "A step from rest starts at another equilibrium, ", [_steps_table(law, claim)]
+    text, blocks = "A step from rest starts at another equilibrium, ", [_steps_table(law, claim, degrees)]
     if surface is None:
         return [Paragraph(f"{text}of each robot its own, without a jump of the input."), *blocks]
-    lines = []
+    integral = next(x.unit for x in claim.states if x.name.endswith("_integral"))
+    (up, height), lines = _in(degrees, integral), []
     for path, start, colour in zip(surface.paths, claim.starts, SERIES[2:]):
         style, (end, high) = {"color": colour, "label": f"starts: {rule_text(start)}"}, path[-1]
-        lines.append((scale * path[:, 0], path[:, 1], "-", style))
-        lines.append((scale * end, high, "o", {"color": colour, "markersize": 5}))
+        lines.append((scale * path[:, 0], up * path[:, 1], "-", style))
+        lines.append((scale * end, up * high, "o", {"color": colour, "markersize": 5}))
     return [
         Paragraph(
             f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
             "and the input jumps."
         ),
         _slice(
-            ("starts", "Starts of steps"), claim, surface, scale, lines,
-            (
-                f"step to the goal ({unit})", "integral of the error",
-                next(x.unit for x in claim.states if x.name.endswith("_integral")),
-            ),
+            ("starts", "Starts of steps"), claim, surface, (scale, up), lines,
+            (f"step to the goal ({unit})", "integral of the error", height),
             "Equilibria at a distance from the goal (+), with each value of the integrator.",
         ),
         *blocks,
@@ -312,7 +316,8 @@ def _limit(evidence: Evidence) -> list[Any]:
             "which the inequality fails, and so says how large a level can be at most."
         ),
         _slice(
-            ("limit", "Where the level ends"), claim, plane, 1.0, points, (across, "share of the limiting point", ""),
+            ("limit", "Where the level ends"), claim, plane, (1.0, 1.0), points,
+            (across, "share of the limiting point", ""),
             f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}.",
             markersize=5,
         ),
@@ -320,8 +325,8 @@ def _limit(evidence: Evidence) -> list[Any]:
 
 
 def _slice(
-    place: tuple[str, str], claim: Certificate, cut: Slice, scale: float, lines: Sequence[tuple[Any, ...]],
-    names: tuple[str, str, str], caption: str, **style: Any,
+    place: tuple[str, str], claim: Certificate, cut: Slice, scales: tuple[float, float],
+    lines: Sequence[tuple[Any, ...]], names: tuple[str, str, str], caption: str, **style: Any,
 ) -> Figure:  # fmt: skip
     """Figure of r/V in bands, with the proved and the sampled level, the goal, the worst point inside, and `lines`.
 
@@ -331,7 +336,7 @@ def _slice(
     inside = cut.rate[(cut.value <= claim.level) & (cut.rate < 0.0)]
     fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
     edges = [float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)]  # from the fastest to the slowest
-    across = scale * cut.across
+    across, up = scales[0] * cut.across, scales[1] * cut.up
     rate = np.where(cut.value < 0.0, np.inf, np.nan_to_num(cut.rate, nan=edges[-1]))  # V = 0: the goal
     areas = [  # values, limits, colour, depth and name of what is filled
         (rate, [low, high], SERIES[0], depth, f"r/V < {number(high, 2)}/s" if high else "r < 0")
@@ -340,14 +345,14 @@ def _slice(
     if (rate > 0.0).any():
         areas.append((np.minimum(rate, 1e300), [0.0, np.inf], SERIES[1], 0.4, "r ≥ 0"))
     for values, levels, colour, depth, name in areas:
-        axis.contourf(across, cut.up, values, levels=levels, colors=[colour], alpha=depth)
+        axis.contourf(across, up, values, levels=levels, colors=[colour], alpha=depth)
         axis.fill_between([], [], [], color=colour, alpha=depth, linewidth=0, label=name)
-    axis.contour(across, cut.up, cut.value, levels=[claim.level], colors=[INK], linewidths=1.8)
+    axis.contour(across, up, cut.value, levels=[claim.level], colors=[INK], linewidths=1.8)
     axis.plot([], [], color=INK, linewidth=1.8, label="proved: V ≤ c")
     if claim.sampled_level is not None:
         axis.contour(
             across,
-            cut.up,
+            up,
             cut.value,
             levels=[claim.sampled_level],
             colors=[SERIES[1]],
@@ -356,7 +361,15 @@ def _slice(
         )
         axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
     a, b, worst = cut.worst(claim.level)
-    axis.plot(scale * a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
+    axis.plot(
+        scales[0] * a,
+        scales[1] * b,
+        "x",
+        color=INK,
+        markersize=8,
+        markeredgewidth=1.8,
+        label="worst point here",
+    )
     axis.plot(0.0, 0.0, "+", color=INK, markersize=9)
     axis.grid(False)
     for x, y, marker, own in lines:
@@ -375,14 +388,15 @@ def _slice(
 
 
 # Steps ----------------------------------------------------------------------------------------------------
-def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
+def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]:
     claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
     value = solution.value if law.box is None else law.box.value
-    scale, unit = _position(claim)
+    scale, unit = _position(claim, degrees)
+    size, d_unit = _in(degrees, common_unit(claim.disturbances))
     kinds: tuple[Any, ...] = (
         (law.steps, "largest", "Largest steps", ("input", claim.inputs[0].unit),
          "The largest proved step for each start of the integrator, without disturbance."),
-        (evidence.worst, "worst", "Worst disturbance", ("|d|", common_unit(claim.disturbances)),
+        (evidence.worst, "worst", "Worst disturbance", ("|d|", d_unit),
          "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as the "
          "budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."),
     )  # fmt: skip
@@ -398,7 +412,7 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
             effort, v = (
                 ((solution.operating_input + solution.inputs(state))[:, 0], value(state))
                 if name == "largest"
-                else (np.linalg.norm(run.disturbance[few], axis=1), run.value[few])
+                else (size * np.linalg.norm(run.disturbance[few], axis=1), run.value[few])
             )
             axes[1].plot(time, effort, color=colour)
             axes[2].plot(time, v / claim.level, color=colour)
@@ -417,12 +431,12 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
 
 
 # Budget and gain ------------------------------------------------------------------------------------------
-def _budget(evidence: Evidence) -> list[Any]:
+def _budget(evidence: Evidence, degrees: bool) -> list[Any]:
     claim, square = evidence.certificate, _energy_unit(evidence.certificate).strip()
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = [
         (
-            rule_text(run), _angle(claim, run.amplitude), at_most(100.0 * start / claim.level, 3),
+            rule_text(run), _angle(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
             at_least(100.0 * (claim.level - start) / claim.level, 3),
             at_least(2.0 * (claim.level - start) / claim.gamma**2, 3),
         )
@@ -457,7 +471,7 @@ def _energy_unit(claim: Certificate) -> str:
     return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
 
 
-def _gain(evidence: Evidence) -> list[Any]:
+def _gain(evidence: Evidence, degrees: bool) -> list[Any]:
     claim, attained = evidence.certificate, evidence.attained
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
@@ -480,8 +494,9 @@ def _gain(evidence: Evidence) -> list[Any]:
     axis.axvline(claim.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(claim.gamma)}")
     axis.set(yticks=[], xlim=(0.0, 1.08 * claim.gamma))
     legend(axis)
-    (scale, unit), run, few = _position(claim), attained.trajectory, thin(attained.times)
+    (scale, unit), run, few = _position(claim, degrees), attained.trajectory, thin(attained.times)
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
+    size, d_unit = _in(degrees, common_unit(claim.disturbances))
     position = Line(run.time[thin(run.time)], scale * moved[thin(run.time)], None, {"color": SERIES[2]})
     return [
         Paragraph(
@@ -496,8 +511,8 @@ def _gain(evidence: Evidence) -> list[Any]:
         draw_figure(
             "attained",
             (
-                Panel("d", common_unit(claim.disturbances), [
-                    Line(attained.times[few], column[few], signal.name.replace("_", " "), {"color": colour})
+                Panel("d", d_unit, [
+                    Line(attained.times[few], size * column[few], signal.name.replace("_", " "), {"color": colour})
                     for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES)
                 ], also=legend),
                 Panel("position − goal", unit, [position]),
@@ -508,7 +523,7 @@ def _gain(evidence: Evidence) -> list[Any]:
 
 
 # Degrees and check ----------------------------------------------------------------------------------------
-def _degree_table(laws: Sequence[CertifiedDegree]) -> Table:
+def _degree_table(laws: Sequence[CertifiedDegree], degrees: bool) -> Table:
     rows = []
     for law in laws:
         claim, name = law.certificate, law_name(law.choice.degree) + (" *" if law.used else "")
@@ -517,7 +532,7 @@ def _degree_table(laws: Sequence[CertifiedDegree]) -> Table:
             sampled = claim.sampled_level
             proved = (
                 at_least(claim.level), None if sampled is None else f"{100.0 * claim.level / sampled:.1f}",
-                _steps_text(claim) if claim.starts else None, claim.provenance.get("cells"),
+                _steps_text(claim, degrees) if claim.starts else None, claim.provenance.get("cells"),
             )  # fmt: skip
         rows.append(
             (name, *proved, law.cpu_seconds, (law.reason if claim is None else "used" if law.used else ""))
@@ -534,7 +549,7 @@ def _degree_table(laws: Sequence[CertifiedDegree]) -> Table:
     )  # fmt: skip
 
 
-def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
+def _steps_table(law: CertifiedDegree, claim: Certificate, degrees: bool) -> Table:
     effort = claim.inputs[0].unit
     return Table(
         (
@@ -544,7 +559,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
         ),
         [
             (
-                rule_text(run), _angle(claim, run.amplitude), run.overshoot_percent,
+                rule_text(run), _angle(claim, run.amplitude, degrees), run.overshoot_percent,
                 *(", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)),
             )
             for run in law.steps
@@ -554,28 +569,28 @@ def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
     )  # fmt: skip
 
 
-def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
+def certification_tables(laws: Sequence[CertifiedDegree], degrees: bool) -> list[Any]:
     """Tables for a terminal: what is proved of the law of each degree, and runs from the largest proved steps."""
-    steps = (_steps_table(law, law.certificate) for law in laws if law.steps and law.certificate)
-    return [table.terminal() for table in (_degree_table(laws), *steps)]
+    steps = (_steps_table(law, law.certificate, degrees) for law in laws if law.steps and law.certificate)
+    return [table.terminal() for table in (_degree_table(laws, degrees), *steps)]
 
 
 def certification_ending(
-    laws: Sequence[CertifiedDegree], claim: Certificate, verdict: DesignVerdict
+    laws: Sequence[CertifiedDegree], claim: Certificate, verdict: DesignVerdict, degrees: bool
 ) -> Ending:
     """What a terminal says at the end: what is proved of the law of each degree, for whom, what is not, and the verdict
     on the design."""
     own = verdict.unmet or verdict.brief
     parts = (
-        _proved_text(claim), _whom_text(claim), f"Not proved: {_missing_text(claim)}",
+        _proved_text(claim, degrees), _whom_text(claim), f"Not proved: {_missing_text(claim)}",
         f"{own[:1].upper()}{own[1:]}.",
     )  # fmt: skip
-    return screen(lambda _: _degree_table(laws), [1], parts, certification_notes(laws))
+    return screen(lambda _: _degree_table(laws, degrees), [1], parts, certification_notes(laws))
 
 
 def check_text(claim: Certificate, verification: Verification) -> str:
-    """What a terminal says of a certificate that was checked."""
-    proved = [_proved_text(claim), _whom_text(claim), f"Not proved: {_missing_text(claim)}"]
+    """What a terminal says of a certificate that was checked, in the units of its file."""
+    proved = [_proved_text(claim, False), _whom_text(claim), f"Not proved: {_missing_text(claim)}"]
     parts = [*(proved if verification.proved else [claim.about]), verification_text(verification)]
     return "\n".join(map(wrapped, parts))
 

@@ -57,6 +57,12 @@ NO_BREAK = "\u2011"
 #: Sections that are open at first.
 OPEN = ("criterion", "responses")
 
+#: An rms of noise at the motors from which all laws have it in V or A, and not in mV or mA.
+LARGE_NOISE = 10.0
+
+#: Times the peak input of the design as it is: a law with more wins by inputs that nothing limits.
+UNLIMITED = 5.0
+
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
 EQUAL = 0.1
 
@@ -124,7 +130,35 @@ def comparison_verdict(comparison: Comparison) -> str:
     design = comparison.own.tuned
     if design is not None and own_law is not design:
         text += f" The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
-    return text
+    unlimited = unlimited_text(comparison)
+    return f"{unlimited} {text}" if unlimited else text
+
+
+def unlimited_text(comparison: Comparison) -> str:
+    """That no motor has a limit, and what a law then asks of one; "" where limits hold, or no law makes use of it."""
+    if _limited(comparison):
+        return ""
+    peaks = {
+        row.name: row.evaluation.metrics.get("step_peak_input")
+        for row in comparison.compared
+        if row.evaluation
+    }
+    design, most = peaks.get(DESIGN), max(peaks, key=lambda name: peaks[name] or 0.0, default=DESIGN)
+    if not design or not (peaks[most] or 0.0) > UNLIMITED * design:
+        return ""
+    unit = comparison.units()["input"]
+    large, usual = (
+        f"{number(size / 1e3, 3)} k{unit}" if size >= 1e3 else f"{number(size, 3)} {unit}"
+        for size in (peaks[most] or 0.0, design)
+    )  # fmt: skip
+    return (
+        f"The laws are ranked by inputs that no motor limits: {most} takes {large} in the step, the design as it is "
+        f"takes {usual}. To try: --peak-effort, with what a motor gives."
+    )
+
+
+def _limited(comparison: Comparison) -> bool:
+    return any(limit.metric == "noise_percent" for limit in comparison.criterion.limits)
 
 
 def _unranked(own_law: TunedLaw, rival: TunedLaw, name: str) -> str:
@@ -217,6 +251,8 @@ def comparison_design(comparison: Comparison) -> str:
 def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[Status]:
     """Whether the laws could be ranked, and what the design as it is misses; “met” only where neither is wanting."""
     statuses = [] if is_ranked(comparison) else [Status("risky", f"Not ranked: {text}")]
+    if unlimited := unlimited_text(comparison):
+        statuses.append(Status("risky", unlimited))
     beyond = [
         f"{row.name} ({count})"
         for row in comparison.rows
@@ -259,7 +295,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
         notes.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
     if own is not None and DAMPED in own.setup.extras:
         notes.append(damping_text(comparison.robot))
-    if not any(limit.metric == "noise_percent" for limit in comparison.criterion.limits):
+    if not _limited(comparison):
         notes.append(
             "No motor has a limit, so neither the peak input nor the noise at the motors limits a law; --peak-effort "
             "states one."
@@ -429,9 +465,19 @@ def unit_of(metric: LawMetric, comparison: Comparison) -> str:
         return f"of {len(comparison.scenario.robots)}"
     if metric.key == "unstable_corners" and own is not None and own.corners is not None:
         return f"of {own.corners.count}"
-    return {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}.get(
+    small = f"{_prefix(metric, comparison)[0]}{units['input']}"
+    return {"input": units["input"], "small input": small, "length": units["error"]}.get(
         metric.unit, metric.unit
     )
+
+
+def _prefix(metric: LawMetric, comparison: Comparison) -> tuple[str, float]:
+    """Prefix of the unit of a small input, one for all laws, and the factor to it: none where a law has 10 units."""
+    values = (
+        row.evaluation.metrics.get(metric.key) for row in comparison.compared if row.evaluation is not None
+    )
+    large = any(value is not None and np.isfinite(value) and abs(value) >= LARGE_NOISE for value in values)
+    return ("", 1.0) if large else ("m", 1e3)
 
 
 def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
@@ -442,8 +488,10 @@ def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
         if "settling" in metric.key:
             return f"> {comparison.scenario.step_duration:g}"
         return "never" if metric.key == "load_recovery_s" else "∞" if metric.better > 0 else "diverges"
-    if metric.unit in ("length", "ms", "small input"):
+    if metric.unit in ("length", "ms"):
         value *= 1e3
+    if metric.unit == "small input":
+        value *= _prefix(metric, comparison)[1]
     if metric.unit == "%":
         return number(value, decimals=1)
     if abs(value) >= 1e3 or (not metric.unit and value == round(value)):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.copies import shared_out
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.plant import Plant
 from flexhinf.report import (
@@ -213,9 +214,13 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 
-def with_figures(blocks: Blocks) -> list[Block]:
-    """The blocks of a section with its figures drawn."""
-    return list(filter(None, (block() if callable(block) else block for block in blocks)))
+def with_figures(*sections: Blocks) -> list[list[Block]]:
+    """The blocks of each section with all figures drawn, on all processors."""
+    found = [list(blocks) for blocks in sections]
+    undrawn = [block for blocks in found for block in blocks if callable(block)]
+    figures = iter(shared_out(lambda draw: draw(), undrawn))
+    blocks_of = ([next(figures) if callable(block) else block for block in blocks] for blocks in found)
+    return [list(filter(None, blocks)) for blocks in blocks_of]
 
 
 def first_screen(

@@ -230,14 +230,13 @@ def estimate_page(
     fits, texts = judgement(result)
     log, robot = result.log, result.robot
     with house_style():
-        sections = [
-            Section(title, tuple(with_figures(blocks(result))), anchor)
-            for anchor, title, blocks in (
-                ("innovations", "Do the innovations fit the filter?", innovations),
-                ("signals", "Measured and predicted", measured_blocks),
-                ("states", "Estimated states", estimate_blocks),
-            )
-        ]
+        blocks_of = with_figures(innovations(result), measured_blocks(result), estimate_blocks(result))
+    names = (
+        ("innovations", "Do the innovations fit the filter?"),
+        ("signals", "Measured and predicted"),
+        ("states", "Estimated states"),
+    )
+    sections = [Section(title, tuple(blocks), anchor) for (anchor, title), blocks in zip(names, blocks_of)]
     about = [note(text) for text in warnings]
     sections += [finding_section(result.findings), Section("The log", (*about, log_table(result)), "log")]
     if files:

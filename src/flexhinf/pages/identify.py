@@ -16,7 +16,7 @@ from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.identification.explanations import Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
-from flexhinf.pages.drawing import Line, Panel, draw_figure, first_screen, listed, note, with_figures
+from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
     innovation_numbers,
@@ -320,12 +320,17 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
             signal_label(name),
             f"{number(result.found.values[name], 5)} {result.stated[name].unit}".rstrip(),
             f"{number(value, 5)} {result.stated[name].unit}".rstrip(),
-            number(second.standard_errors[name], 2) if np.isfinite(second.standard_errors[name]) else None,
+            f"{number(second.standard_errors[name], 2)} {result.stated[name].unit}".rstrip()
+            if np.isfinite(second.standard_errors[name])
+            else None,
             Cell("no", "yellow") if name in second.differing else Cell("yes", "green"),
         )
         for name, value in second.values.items()
     ]
-    near = [f"{signal_label(name)} {number(100.0 * fit, 4)} %" for name, fit in second.fits.items()]
+    near = [
+        f"{number(100.0 * fit, 4)} % of the motion of {signal_label(name)}"
+        for name, fit in second.fits.items()
+    ]
     return Table(
         (
             "number",
@@ -336,7 +341,7 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
         ),
         rows,
         "A second opinion: the numbers with which a simulation with the log's inputs comes nearest (output error). It "
-        f"has of the motion of {listed(near)}",
+        f"explains {listed(near)}",
         "table-second",
     )
 
@@ -383,7 +388,7 @@ def correlation_table(result: IdentifiedRobot) -> Table:
     )
 
 
-def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Any:
+def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Blocks:
     errors = motion.standard_errors
     clear = [
         f"{signal_label(name)} to ± {number(100 * e, 2)} %" for name, e in errors.items() if np.isfinite(e)
@@ -402,9 +407,8 @@ def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Any:
         )
         for name, unit, column in zip(result.stated.joint_names, units, motion.positions.T)
     ]
-    yield draw_figure(
-        "motion", panels[:4], "Link positions of the proposed motion, within limits.", "Proposed motion"
-    )
+    says = "Link positions of the proposed motion, within limits."
+    yield lambda: draw_figure("motion", panels[:4], says, "Proposed motion")
 
 
 def identified_page(
@@ -419,18 +423,19 @@ def identified_page(
         *([second_table(result.second, result)] if result.second is not None else []),
         *([cause_table(result.causes)] if result.causes else []),
     ]
+    parts = [
+        ("innovations", "Does the model fit the log?", innovations(filtered)),
+        ("signals", "Measured and predicted", measured_blocks(filtered)),
+    ]
+    if result.telling is not None:
+        more = _motion_blocks(result, result.telling)
+        parts.insert(0, ("motion", "A motion that would tell more", more))
     with house_style():
-        sections = [Section("What the log tells", tuple(tables), "numbers")]
-        if result.telling is not None:
-            blocks = tuple(with_figures(_motion_blocks(result, result.telling)))
-            sections.append(Section("A motion that would tell more", blocks, "motion"))
-        sections += [
-            Section(title, tuple(with_figures(blocks(filtered))), anchor)
-            for anchor, title, blocks in (
-                ("innovations", "Does the model fit the log?", innovations),
-                ("signals", "Measured and predicted", measured_blocks),
-            )
-        ]
+        blocks_of = with_figures(*(blocks for _, _, blocks in parts))
+    sections = [Section("What the log tells", tuple(tables), "numbers")]
+    sections += [
+        Section(title, tuple(blocks), anchor) for (anchor, title, _), blocks in zip(parts, blocks_of)
+    ]
     about = tuple(note(text) for text in warnings)
     sections += [
         finding_section(filtered.findings),

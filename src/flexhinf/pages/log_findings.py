@@ -10,17 +10,18 @@ import numpy as np
 from flexhinf.findings import above_note, worst
 from flexhinf.identification import Log, LogFinding
 from flexhinf.notebook import number_text
-from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, note, thin, with_figures
+from flexhinf.pages.drawing import Line, Panel, draw_figure, listed, note, thin
 from flexhinf.pages.estimate_figures import MOST_PANELS, signal_label
 from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
 from flexhinf.pages.terminal import Ending, wrapped
 from flexhinf.report import (
     INK,
     SERIES,
-    Cell,
     Column,
+    Figure,
     KeyNumber,
     Page,
+    Paragraph,
     Provenance,
     Section,
     Settings,
@@ -51,7 +52,7 @@ def finding_table(findings: Sequence[LogFinding]) -> Table:
     ]
     return Table(
         ("", "finding", Column("where", brief=None), Column("places", right=True, brief=None), "to try"),
-        rows or [(Cell("none", "green"), "Nothing is conspicuous.", "", "", "")],
+        rows,
         "What the log shows of itself and beside its robot: a fault makes numbers wrong that are taken from it, a "
         "doubt may, a note is something to know",
         "table-findings",
@@ -62,7 +63,8 @@ def finding_table(findings: Sequence[LogFinding]) -> Table:
 
 def finding_section(findings: Sequence[LogFinding]) -> Section:
     """The findings as a section of a page."""
-    return Section("What the log shows of itself", (finding_table(findings),), "findings", open=True)
+    found = finding_table(findings) if findings else Paragraph("Nothing is conspicuous.")
+    return Section("What the log shows of itself", (found,), "findings", open=True)
 
 
 def finding_numbers(findings: Sequence[LogFinding]) -> list[dict[str, object]]:
@@ -123,9 +125,8 @@ def checked_log_page(
         ]
     verdict = checked_verdict(findings)
     sections = [finding_section(findings)]
-    if log is not None:
-        with house_style():
-            sections.append(Section("The signals", tuple(with_figures(_signals(log, findings))), "signals"))
+    with house_style():
+        lead = [] if log is None else [_signals(log, robot, findings)]
     if warnings:
         sections.append(Section("The robot's file", tuple(note(text) for text in warnings), "robot"))
     return Page(
@@ -138,11 +139,13 @@ def checked_log_page(
         keys,
         [page_status(findings, verdict)],
         finding_texts(findings)[:3],
+        lead,
     )
 
 
-def _signals(log: Log, findings: Sequence[LogFinding]) -> Blocks:
+def _signals(log: Log, robot: Robot, findings: Sequence[LogFinding]) -> Figure:
     """The signals of a log, those with findings first, with the rows of these."""
+    plant = robot.plant(log.names.get("output", ()))
     tables = {
         name: values
         for kind, table in (("output", log.outputs), ("input", log.inputs))
@@ -161,10 +164,11 @@ def _signals(log: Log, findings: Sequence[LogFinding]) -> Blocks:
                 ends = np.clip(finding.rows, 0, len(log) - 1)
                 mark = {"color": INK, "linestyle": "", "marker": "o", "markersize": 4.0}
                 lines.append(Line(log.times[ends], tables[name][ends], finding.kind, mark))
-        panels.append(Panel(signal_label(name), "", lines))
-    yield draw_figure(
-        "signals", panels, "Signals of the log; dots: first and last row of a finding.", "Signals"
-    )
+        panels.append(Panel(signal_label(name), plant.unit(name), lines))
+    marked = any(len(panel.lines) > 1 for panel in panels)
+    left = f" Drawn: {len(panels)} of {len(order)} signals." if len(order) > len(panels) else ""
+    caption = f"As they stand in the log.{' Dots: first and last row of a finding.' * marked}{left}"
+    return draw_figure("signals", panels, caption, "Signals of the log")
 
 
 def checked_log_files(page: Page, findings: Sequence[LogFinding]) -> dict[str, str | bytes]:

@@ -22,6 +22,7 @@ from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
+    count_text,
     effort_text,
     in_joint,
     joint_count,
@@ -203,16 +204,16 @@ def design_page(
     start, goal = (pose_text(pose, slides, degrees) for pose in (design.start, design.goal))
     with house_style():  # once for all figures
         first = overview.lead(design)
-        brief, group = overview.briefs(design), ""
-        for anchor, part in PARTS.items():
-            blocks, group = with_figures(part.blocks(design)), part.group or group
-            if anchor == "specification":
-                blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
-            if not all(isinstance(block, Note) for block in blocks):
-                sections.append(
-                    Section(part.title, tuple(blocks), anchor, part.open, group, brief.get(anchor, ""))
-                )
-                group = ""
+        blocks_of = with_figures(*(part.blocks(design) for part in PARTS.values()))
+    brief, group = overview.briefs(design), ""
+    for (anchor, part), blocks in zip(PARTS.items(), blocks_of):
+        group = part.group or group
+        if anchor == "specification":
+            blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
+        if not all(isinstance(block, Note) for block in blocks):
+            about_it = brief.get(anchor, "")
+            sections.append(Section(part.title, tuple(blocks), anchor, part.open, group, about_it))
+            group = ""
     status, lines = design.status, design.requirements
     said = [requirements_text(lines), step.step_text(design.evaluation.step, units_of(design.evaluation))]
     defaults = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
@@ -484,7 +485,7 @@ def files_section(files: Sequence[str]) -> Section:
         (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
         for (folder, meaning), names in grouped.items()
     ]
-    brief = f"{len(files)} files"
+    brief = count_text(len(files), "file")
     return Section(
         "Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files", brief=brief
     )

@@ -366,7 +366,7 @@ def _page(reproduction: Reproduction) -> Page:
     def evidence(claims: Sequence[Claim]) -> list[Claim]:  # those that fail first
         numbered = []
         for claim in by_verdict(claims):
-            blocks: Any = filter(None, (*claim.blocks, drawings[claim.id]))
+            blocks: Any = filter(None, (*claim.blocks, reproduction.evidence[claim.id]))
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 

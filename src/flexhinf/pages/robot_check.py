@@ -12,15 +12,16 @@ from flexhinf.pages.findings import counted, numbers_sentence, page_status, plac
 from flexhinf.pages.pictures import robot_picture
 from flexhinf.pages.terminal import Ending, wrapped
 from flexhinf.report import (
-    Cell,
     Column,
     KeyNumber,
     Page,
+    Paragraph,
     Provenance,
     Section,
     Settings,
     Table,
     finite,
+    number,
     to_json,
 )
 from flexhinf.robot.examination import JointFacts, RobotExamination
@@ -30,12 +31,12 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
     """A row for each joint: its range, mass, weight against its motor, twist and vibrations."""
     rows = []
     for joint in joints:
-        angle, torque, twist = ("mm", "N", "mm") if joint.slides else ("°", "N·m", "mrad")
+        angle, torque, twist = (" mm", "N", "mm") if joint.slides else ("°", "N·m", "mrad")
         scale = 1e3 if joint.slides else math.degrees(1.0)
         ends = (
             None
             if joint.limits is None
-            else f"{scale * joint.limits[0]:.4g} to {scale * joint.limits[1]:.4g} {angle}"
+            else f"{number(scale * joint.limits[0], 4)} to {number(scale * joint.limits[1], 4)}{angle}"
         )
         hertz = None if math.isnan(joint.slowest) else f"{joint.slowest:.3g} to {joint.fastest:.3g}"
         rows.append(
@@ -64,6 +65,7 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
         "under it, and vibrations that are mostly of this joint",
         "table-joints",
         title="Joints",
+        stacks=True,
     )
 
 
@@ -80,7 +82,7 @@ def robot_finding_table(result: RobotExamination) -> Table:
     ]
     return Table(
         ("", "finding", Column("where", brief=None), "to try"),
-        rows or [(Cell("none", "green"), "Nothing is conspicuous.", "", "")],
+        rows,
         "With a fault no robot can be made of the file; a doubt makes a design wrong or impossible, or rests on a "
         "guess; a note is something to know",
         "table-findings",
@@ -113,14 +115,36 @@ def checked_robot_ending(result: RobotExamination) -> Ending:
     return Ending(tables, "\n".join([*texts, robot_verdict(result)]))
 
 
+def _extremes(joints: Sequence[JointFacts]) -> list[KeyNumber]:
+    """What decides most about a design: the largest weight, the motor that it uses most of, the softest joint."""
+    keys = []
+
+    def add(name: str, value: str, unit: str, joint: JointFacts) -> None:
+        keys.append(KeyNumber(name, value, unit, joint.name if len(joints) > 1 else ""))
+
+    heaviest = max(joints, key=lambda joint: joint.weight)
+    if heaviest.weight > 0.0:
+        add("largest weight", number(heaviest.weight, 3), "N" if heaviest.slides else "N·m", heaviest)
+    used = [joint for joint in joints if math.isfinite(joint.effort) and joint.weight > 0.0]
+    if used:
+        most = max(used, key=lambda joint: joint.weight / joint.effort)
+        add("most that weight takes of a motor", number(100.0 * most.weight / most.effort, 2), "%", most)
+    swinging = [joint for joint in joints if not math.isnan(joint.slowest)]
+    if swinging:
+        softest = min(swinging, key=lambda joint: joint.slowest)
+        add("slowest vibration", number(softest.slowest, 3), "Hz", softest)
+    return keys
+
+
 def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page:
     """The page of a description that was checked."""
     verdict, count = robot_verdict(result), len(result.joints)
-    sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
+    found = robot_finding_table(result) if result.findings else Paragraph("Nothing is conspicuous.")
+    sections = [Section("What the description shows", (found,), "findings", open=True)]
     picture = None if result.robot is None else robot_picture(result.robot)
     if result.joints:
         sections.append(Section("Joints", (joint_table(result.joints),), "joints", open=True))
-    keys = [KeyNumber("joints", count)] if count else []
+    keys = [KeyNumber("joints", count), *_extremes(result.joints)] if count else []
     return Page(
         f"The robot {result.path.name}, checked",
         "Before any design: what is wrong or doubtful in a robot's description.",

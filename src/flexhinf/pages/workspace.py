@@ -181,7 +181,10 @@ def _command(advice: Advice | None) -> str:
 
 def _pose_table(design: WorkspaceEvidence) -> Table:
     loops, corners, (damping, ripple) = design.loops, design.corner_loops, pose_limits(design.specification)
-    s, least = design.specification, f"damping ratio below {design.specification.damped_below_limit:g} rad/s"
+    s, least = (
+        design.specification,
+        f"damping ratio below {number(design.specification.damped_below_limit, 3)} rad/s",
+    )
     with np.errstate(divide="ignore"):
         slowest = [-s.period / np.log(loop.growth) if loop.growth < 1.0 else np.inf for loop in loops]
     rows = [
@@ -214,7 +217,7 @@ def _pose_table(design: WorkspaceEvidence) -> Table:
     ]
     caption = "Sampled loops, linearised at rest at each pose, with the estimator and the latency."
     if not _oscillates(loops):
-        caption += f" No pose has an oscillation above {s.damped_below_limit:g} rad/s."
+        caption += f" No pose has an oscillation above {number(s.damped_below_limit, 3)} rad/s."
     return Table(("loop", "least", "largest", "required"), rows, caption)
 
 
@@ -229,7 +232,7 @@ def _ends(values: Sequence[float]) -> tuple[str, str]:
 
 def _pose_figure(design: WorkspaceEvidence) -> Any:
     s = design.specification
-    below = f"{s.damped_below_limit:g} rad/s"
+    below = f"{number(s.damped_below_limit, 3)} rad/s"
     curves = {f"below {below}": [loop.damping for loop in design.loops]}
     if design.corner_loops:
         curves["at corners"] = [loop.damping for loop in design.corner_loops]
@@ -457,7 +460,7 @@ def _watched(design: WorkspaceEvidence) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
     setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
-    swing = f"{effort_text(0.1 * setup.authority.round(2))} {units_in(design).effort}"
+    swing = f"{effort_text(np.round(0.5 * setup.input_swing, 2))} {units_in(design).effort}"
     watched = [
         f"whether the commanded joints are within {watch.text} (rad, m)",
         f"whether an input swings to and fro by more than {swing} at rest, or a joint by more than "
@@ -530,7 +533,7 @@ def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
         "goals": design.goals,
         "left_out": design.left_out,
         "tolerated": finite(
-            t._asdict() | {"tolerance": t.tolerance.sector._asdict(), "proved": t.proved._asdict()}
+            t._asdict() | {"tolerance": t.tolerance.errors.masses._asdict(), "proved": t.proved._asdict()}
         ),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),

@@ -17,7 +17,7 @@ from flexhinf.design.workspace.proof import WorkspaceProof, modal_filter
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
-from flexhinf.modal.popov import PopovTolerance, Sector
+from flexhinf.modal.popov import EXACT, NONE, Errors, PopovTolerance, Sector
 from flexhinf.pages.drawing import count_text
 from flexhinf.pages.page import design_statuses
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -56,9 +56,10 @@ def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange
 
 #: What the sizes of errors mean, and for what they hold.
 CAPTION = (
-    "For motors made alike, gravity without slope, springs without damping and as stiff as the file says, no dry "
-    "friction, small motions. Errors are those of the links' inertia matrix, which masses and payloads make: "
-    "symmetric, in the coordinates of its square root, and the same at all times. No error of a motor is among them."
+    "For motors made alike, gravity without slope, springs without damping, no dry friction, small motions. Errors are "
+    "those of the links' inertia matrix, which masses and payloads make, and of the stiffness: symmetric, in the "
+    "coordinates of their square roots, and the same at all times. What is not named is exact. No error of a motor is "
+    "among them."
 )
 
 
@@ -81,13 +82,27 @@ def _range_rows(setup: WorkspaceSetup, proved: ProvedRange) -> list[tuple[str, s
 
 
 def _computed_row(error: PopovTolerance) -> tuple[str, str, str]:
-    return "tolerated errors of masses, all vibrations", masses_text(error.sector), "computed, not proved"
+    found = error.errors if error.share else NONE
+    return _tolerated(found), errors_text(found), "computed, not proved"
+
+
+def _tolerated(errors: Errors) -> str:
+    return f"tolerated errors of {errors.names or 'masses'}, all vibrations"
 
 
 def masses_text(sector: Sector) -> str:
     """A sector as the factors of the inertia matrix: between M/(1 + δ₂) and M/(1 − δ₁)."""
     low, high = 1.0 / (1.0 + sector.upper), 1.0 / (1.0 - sector.lower)
     return f"{number(low, 3)} to {number(high, 3)} times the model's inertia"
+
+
+def errors_text(errors: Errors) -> str:
+    """Errors as the factors of inertia and stiffness."""
+    softer, stiffer = errors.springs
+    if errors.springs == EXACT:
+        return masses_text(errors.masses)
+    springs = f"{number(1.0 - softer, 3)} to {number(1.0 + stiffer, 3)} times its stiffness"
+    return f"{masses_text(errors.masses)} and {springs}"
 
 
 def stability_text(setup: WorkspaceSetup, proved: ProvedRange) -> str:
@@ -112,15 +127,21 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     setup, checked = proof.setup, proof.checked
     low, high = np.sqrt(proof.stable[:2] if checked is None else (checked.low, checked.high))
     whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
+    masses, (softer, stiffer) = proof.errors
     errors = (
         "the model's own masses"
         if checked is None
-        else f"an inertia matrix of the links, at that pose, of {masses_text(_sector(proof))}, as a matrix inequality"
+        else f"an inertia matrix of the links, at that pose, of {masses_text(masses)}, as a matrix inequality"
+    )
+    springs = (
+        f"springs of {number(1.0 - softer, 3)} to {number(1.0 + stiffer, 3)} times the model's stiffness"
+        if max(softer, stiffer)
+        else "springs as stiff as the model's"
     )
     return (
         f"poses at which the arm vibrates at {number(low, 3)} to {number(high, 3)} rad/s with its motors held{whole}",
         errors,
-        "springs as stiff as the model's, linear and without damping; motors as the model's, made alike",
+        f"{springs}, linear and without damping; motors as the model's, made alike with the true torque of the springs",
         "small motions about rest, in which gravity has no slope; no dry friction, no backlash, no limit of an input",
         f"the sampled loop with {_loop_text(setup)}, and exact motion between the samples; no other delay",
     )
@@ -130,18 +151,14 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
 LEFT_OUT = (
     ("friction, backlash, limits of inputs, quantisation", "moves of the design, campaigns"),
     ("Coriolis forces along fast moves", "moves of the design"),
-    ("stiffness, motors and delay that differ from the model's", "loops at corners of the tolerances"),
+    ("motors and delay that differ from the model's", "loops at corners of the tolerances"),
+    ("motors made alike by a wrong stiffness", "loops at corners of the tolerances"),
     (
         "errors with a phase, such as creep or a lagging drive",
         "nothing here; fast vibrations bear hardly any",
     ),
     ("gravity's slope", "loops at poses, which have it"),
 )
-
-
-def _sector(proof: WorkspaceProof) -> Sector:
-    """What is proved, or nothing."""
-    return Sector(0.0, 0.0) if proof.checked is None else Sector(proof.checked.lower, proof.checked.upper)
 
 
 def _left_out(proof: WorkspaceProof) -> bool:
@@ -158,24 +175,35 @@ def proof_text(proof: WorkspaceProof) -> str:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
         return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
-    proved = f"{masses_text(_sector(proof))}"
-    if not max(stated.sector):
-        return f"Proved for masses and payloads that make {proved}; the file states no tolerance of these."
+    proved = errors_text(proof.errors)
+    if not stated.errors.largest:
+        return f"Proved for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:
+        every = "masses, payloads and springs"
+        if stated.errors.springs != EXACT and not proof.has_like_motors:
+            every = "masses and payloads, and of springs if their true torque makes the unlike motors alike"
         return (
-            f"Proved for the masses and payloads of the file's tolerances, {where}: they make "
-            f"{masses_text(stated.sector)}, and small motions about rest are stable with {proved}."
+            f"Proved for the file's tolerances of {every}, {where}: they make "
+            f"{errors_text(stated.errors)}, and small motions about rest are stable with {proved}."
         )
-    lower = stated.sector.lower - checked.lower > stated.sector.upper - checked.upper
-    tolerated, needed = (
-        (checked.lower, stated.sector.lower) if lower else (checked.upper, stated.sector.upper)
+    tolerated, needed, which = min(
+        zip(proof.errors.numbers, stated.errors.numbers, KINDS),
+        key=lambda part: part[0] / part[1] if part[1] else 1.0,
     )
-    which = "heavier" if lower else "lighter"
     return (
         f"Not proved for the file's tolerances: tolerance {number(100.0 * tolerated, 3)} % below the file's "
-        f"{number(100.0 * needed, 3)} %, of the inverse inertia of {which} links ({where}). "
+        f"{number(100.0 * needed, 3)} %, of {which} ({where}). "
         f"Proved is stability with {proved}."
     )
+
+
+#: Of what δ₁, δ₂, ε₁ and ε₂ are shares.
+KINDS = (
+    "the inverse inertia of heavier links",
+    "the inverse inertia of lighter links",
+    "the stiffness of softer springs",
+    "the stiffness of stiffer springs",
+)
 
 
 def _others_text(proof: WorkspaceProof) -> str:
@@ -193,8 +221,9 @@ def _unstable_text(proof: WorkspaceProof) -> str:
     whose = "one vibration" if len(found.links) == 1 else "two vibrations"
     return (
         f"From the other side: a symmetric error of {number(100.0 * found.size, 3)} % of the inverse inertia of "
-        f"{whose}, of {at} rad/s, destabilises (largest modulus of a pole {found.radius:.6f})."
-        + (f" Proved are {number(100.0 * max(_sector(proof)), 3)} %." if proof.checked else "")
+        f"{whose}, of {at} rad/s, destabilises (largest modulus of a pole {found.radius:.6f}), with springs as the "
+        "model's."
+        + (f" Proved are {number(100.0 * max(proof.errors.masses), 3)} %." if proof.checked else "")
     )
 
 
@@ -206,7 +235,10 @@ def _largest_text(proof: WorkspaceProof) -> str:
     decay = (
         f"small motions decay at least like exp(−{number(checked.rate, 2)} t), t in s" if checked.rate else ""
     )
-    tolerances = f"all masses and inertia tensors within ± {number(100.0 * largest.tolerance, 3)} %"
+    springs = min(proof.errors.springs)
+    tolerances = f"all masses and inertia tensors within ± {number(100.0 * largest.tolerance, 3)} %" + (
+        f" with all springs within ± {number(100.0 * springs, 3)} %" if springs else ""
+    )
     payload = (
         f", or for the file's largest masses with a payload of up to {number(largest.payload, 3)} kg "
         f"(at {largest.poses} sampled poses)"
@@ -222,14 +254,14 @@ def _proof_table(proof: WorkspaceProof) -> Table:
     if proof.checked is not None:
         rows.append(
             (
-                "tolerated errors of masses, all vibrations",
-                masses_text(_sector(proof)),
+                _tolerated(proof.errors),
+                errors_text(proof.errors),
                 f"proved, in {count_text(proof.checked.intervals, 'interval')}",
             )
         )
     rows.append(_computed_row(proof.tolerance))
     where = f"{stated.poses} sampled poses, corners of the tolerances" if stated.poses else "the form of M"
-    rows.append(("the file's masses and payloads", masses_text(stated.sector), where))
+    rows.append(("the file's masses, payloads and springs", errors_text(stated.errors), where))
     return Table(("what", "range or size", "how it is known"), rows, CAPTION, stacks=True)
 
 
@@ -251,7 +283,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
     )
     return Page(
         f"What is proved of the controller for the workspace of {robot.name}",
-        "The loop at rest, at any pose of the workspace, with errors of masses.",
+        "The loop at rest, at any pose of the workspace, with errors of masses and springs.",
         proof_text(proof),
         (
             Section("The theorem", theorem if proof.is_proved else (Paragraph(PAIRS),), "theorem", True),
@@ -280,7 +312,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
             )
         ),
         Provenance(shlex.join(command), s.seed),
-        [KeyNumber("inertia that is proved to be tolerated", masses_text(_sector(proof)))]
+        [KeyNumber("errors that are proved to be tolerated", errors_text(proof.errors))]
         if proof.checked
         else [],
         [
@@ -314,15 +346,18 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, Any]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
-        "version": 2,
+        "version": 3,
         "kind": "workspace",
         "robot": proof.setup.robot.name,
         "text": proof_text(proof),
         "hypotheses": [f"{k}. {text}" for k, text in enumerate(hypotheses(proof), 1)],
         "largest": None if proof.largest is None else finite(proof.largest._asdict()),
         "proved": None if checked is None else finite(checked._asdict()),
-        "stated": {**finite(stated.sector._asdict()), "poses": stated.poses, "not_held": list(stated.others)},
-        "computed": {**finite(proof.tolerance.sector._asdict()), "multiplier": proof.tolerance.multiplier},
+        "stated": {**error_numbers(stated.errors), "poses": stated.poses, "not_held": list(stated.others)},
+        "computed": {
+            **error_numbers(proof.tolerance.errors),
+            "multipliers": finite(proof.tolerance.multipliers._asdict()),
+        },
         "unstable": finite(proof.unstable._asdict()),
         "stable": finite(proof.stable._asdict()),
         "latency": proof.setup.specification.known_latency,
@@ -330,6 +365,11 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, Any]:
         **law_numbers(proof.setup),
         "pairs": proof.numbers,
     }
+
+
+def error_numbers(errors: Errors) -> dict[str, Any]:
+    """Errors by the names of a certificate of pairs."""
+    return dict(zip(("lower", "upper", "softer", "stiffer"), map(float, errors.numbers)))
 
 
 def workspace_certificate(path: Path) -> dict[str, Any] | None:
@@ -361,9 +401,10 @@ def pair_check(numbers: dict[str, Any]) -> tuple[str, bool]:
     low, high = np.sqrt([found.low, found.high])
     latency = count_text(claim.latency, "sample")
     filter = "no estimator" if claim.seen is None else "the estimator"
+    errors = Errors(Sector(found.lower, found.upper), Sector(found.softer, found.stiffer))
     return (
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
-        f"{masses_text(Sector(found.lower, found.upper))}, with {latency} of latency and {filter} of the file, in "
+        f"{errors_text(errors)}, with {latency} of latency and {filter} of the file, in "
         f"{count_text(found.intervals, 'interval')}. Robot, poses and hypotheses in the file are not checked.",
         True,
     )

@@ -101,7 +101,7 @@ def scope_text(design: WorkspaceEvidence) -> str:
         scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have{whose}."
     fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
     if 0.0 <= fast < HARDLY:  # below 0 a requirement is not met
-        limit = f"{design.specification.damped_below_limit:g} rad/s"
+        limit = f"{number(design.specification.damped_below_limit, 3)} rad/s"
         scope += f" Vibrations above {limit} are hardly damped (damping {number(fast, 2)})."
     return f"{scope} {nyquist_text(design)}".rstrip()
 
@@ -371,7 +371,10 @@ def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
     """The worst numbers of poses and moves."""
     moves = (*design.moves, *design.sampled)
     rows, least = worst_motion(moves), min(l.damping for l in (*design.loops, *design.corner_loops))
-    below, worst = f"below {design.specification.damped_below_limit:g} rad/s", f"worst of {len(moves)} moves"
+    below, worst = (
+        f"below {number(design.specification.damped_below_limit, 3)} rad/s",
+        f"worst of {len(moves)} moves",
+    )
     numbers = [KeyNumber("least damping", number(least, 3), "", below)]
     for key, (title, unit, factor) in columns_of(design).items():
         values, where = [row[key] for row in rows], worst

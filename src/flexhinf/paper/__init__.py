@@ -1,5 +1,7 @@
 """The experiments of Elsa & Akbari (2014): runs, claims with their criteria, and a verdict for each."""
 
+# lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,11 +11,12 @@ import multiprocessing
 import signal
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from flexhinf.processors import thread_count
 
 if TYPE_CHECKING:
+    from ctypes import Array, c_int
     from multiprocessing.connection import Connection
 
     from flexhinf.paper.settings import PaperSettings
@@ -31,7 +32,7 @@ class Apart(NamedTuple):
     same result.
     """
 
-    begun: Any
+    begun: Array[c_int]
     judged: Callable[[], Claim | None]
 
 
@@ -80,7 +81,7 @@ def _without_ctrl_c() -> Generator[None]:
             mask(signal.SIG_SETMASK, before)
 
 
-def _judge_for_another(settings: PaperSettings, begun: Any, sending: Connection) -> None:
+def _judge_for_another(settings: PaperSettings, begun: Array[c_int], sending: Connection) -> None:
     from flexhinf.campaign.driver import begin_worker
     from flexhinf.paper.claims import BY_LENGTH
     from flexhinf.paper.loop_setup import PaperSetup, judge

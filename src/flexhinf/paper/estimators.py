@@ -16,12 +16,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.arrays import Elements
+from flexhinf.arrays import Elements, Vector
 from flexhinf.codegen import Buffer, Call, Normal, Program, Repeat, Slice, compile_program
+from flexhinf.codegen.memory import Role
 from flexhinf.codegen.noise import normal_numbers, seed_key
 from flexhinf.codegen.shared import share
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
@@ -69,13 +70,14 @@ FAR = (0.5, 1.0, 0.5, 1.0)
 
 # Bounded -------------------------------------------------------------------------------------------------
 def _is_bounded(setup: PaperSetup) -> Finding:
-    count, grown, diverged, rows = affordable(SEEDS, setup.settings.period), 0, 0, []
+    count, grown, diverged = affordable(SEEDS, setup.settings.period), 0, 0
+    rows: list[tuple[object, ...]] = []
     largest = np.zeros(setup.model.n)
     for name, (command, disturbance) in COMMANDS.items():
         loop = setup.loop(setup.nonlinear, estimator=setup.estimator("ukf"))
-        errors = []  # largest of each state, in the middle and in the last third
+        errors: list[tuple[Vector, Vector]] = []  # largest of each state, in the middle and in the last third
         for run in loop.ensemble(command, disturbance, setup.deviation(loop), LONG).trajectories(
-            [{}] * count, [setup.seed(k) for k in range(count)]
+            [dict[str, float]()] * count, [setup.seed(k) for k in range(count)]
         ):
             if run.diverged_at is None:
                 error, last = np.abs(run.signals["estimate"] - run.signals["state"]), run.time >= 2 * LONG / 3
@@ -119,13 +121,15 @@ def _reconstructs(setup: PaperSetup) -> Finding:
     run = setup.run(setup.nonlinear, Step(math.pi), STEP_DURATION, estimator=ukf)
     if run.diverged_at is not None:
         return Finding(False, f"The loop diverged at {run.diverged_at:.2f} s.")
-    rows = []
+    rows: list[tuple[object, ...]] = []
+    fractions: list[float] = []
     for name in run.names["estimate"]:
         true, guess = run.signal("state", name), run.signal("estimate", name)
         span = float(np.ptp(true))
         rmse = rms((guess - true)[run.time >= RECONSTRUCTED_FROM])
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
-    largest = max(rmse / span for _, rmse, span, _ in rows)
+        fractions.append(rmse / span)
+    largest = max(fractions)
     return Finding(
         largest <= RECONSTRUCTED_FRACTION,
         f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
@@ -220,7 +224,8 @@ def _scores(
         "deviations": deviations,
         "step": 1.0 + np.arange(steps),  # step 0 is the start
     }
-    run, scores, samples = kernel.bind(arrays, {"steps": steps}), [], np.arange(-(-runs // LANES) * LANES)
+    run, samples = kernel.bind(arrays, {"steps": steps}), np.arange(-(-runs // LANES) * LANES)
+    scores: list[np.ndarray] = []
     start = mean[:, None] + initial[:, None] * normal_numbers(seed, 0, np.arange(n)[:, None], samples)
     arrays["key"][1:] = np.array(seed_key(seed))[:, None]
     for first in range(0, runs, LANES):
@@ -269,7 +274,7 @@ def _program(filter: RecursiveFilter) -> Program:
     sizes |= {"deviations": n + p, "key": 3, "step": 1, "recorded": n + 1}
     rows = ("inputs", "step", "recorded")
     # of what each lane has for itself
-    own: dict[str, Any] = {"x": "state", "belief": "state", "noise": "work", "key": "in", "recorded": "out"}
+    own: dict[str, Role] = {"x": "state", "belief": "state", "noise": "work", "key": "in", "recorded": "out"}
     at = {k: Slice(k, size=v, strides=(v if k in rows else 0,)) for k, v in sizes.items()}
     buffers = [
         Buffer(k, None if k in rows else v, own.get(k, "in"), shared=k not in own) for k, v in sizes.items()
@@ -389,9 +394,10 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         if p.verdict == "better"
     ]
     won = f"other sensors: {'; '.join(wins)}" if wins else "no other sensor tried"
-    trials, rows = {}, []
+    numbers: dict[str, list[float | None]] = {}
+    rows: list[tuple[object, ...]] = []
     for trial, p in (own | others).items():
-        trials[trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
+        numbers[trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
         values = map(known, (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees))
         rows.append((trial.name, p.pairs, *values, p.verdict))
     return Finding(
@@ -415,12 +421,12 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
             "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4.",
             "table-ukf-ekf",
         ),
-        {"largest_difference": known(largest), "trials": trials},
+        {"largest_difference": known(largest), "trials": numbers},
     )
 
 
 def _closed_loops(setup: PaperSetup) -> str:
-    count, runs = affordable(10, setup.settings.period), []
+    count, runs = affordable(10, setup.settings.period), list[list[Trajectory]]()
     for kind in ("ukf", "ekf"):
         loop = setup.loop(setup.nonlinear, estimator=setup.estimator(kind))
         runs.append(

@@ -21,7 +21,7 @@ from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
-from flexhinf.loop.signals.references import Signal
+from flexhinf.loop.signals.references import Signal, SignalLike
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import Estimator, GeneralisedPlant, Law, Penalty, Plant
@@ -96,7 +96,7 @@ class PaperSetup:
         )
         self.model: Plant = self.arm.plant()
         self.true_plants = {coil: self.arm.plant(inductance=coil) for coil in (False, True)}
-        self._laws: dict[tuple[Any, ...], HJISolution] = {}
+        self._laws: dict[object, HJISolution] = {}
         self._runs: dict[str, dict[str, Trajectory]] = {}
 
     # Laws, estimators and plants --------------------------------------------------------------------------------
@@ -178,11 +178,11 @@ class PaperSetup:
     def run(
         self,
         law: Law,
-        reference: Any,
+        reference: SignalLike,
         duration: float,
         *,
         inductance: bool = False,
-        disturbance: Any = None,
+        disturbance: SignalLike = None,
         estimator: Estimator | str | None = "settings",
         noise: bool = True,
         seed: int | None = None,
@@ -212,7 +212,7 @@ class PaperSetup:
         batch = loop.ensemble(
             Step(math.pi / 2), None, self.deviation(loop), LONG, kept=names, instants=kept
         ).run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
-        runs = []
+        runs: list[ToleranceRun] = []
         for k in plants:
             whole = ~np.isnan(batch.kept[k]).any(axis=1)
             diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
@@ -240,7 +240,7 @@ class PaperSetup:
 
 
 # Numbers of a run, named as in metrics.json ------------------------------------------------------------
-def tracking_numbers(run: Trajectory) -> dict[str, Any]:
+def tracking_numbers(run: Trajectory) -> dict[str, float | None]:
     """RMS error over the run, and the largest error after the start from rest."""
     if run.diverged_at is not None:
         return {"tracking_rmse_rad": None, "largest_error_rad": None, "diverged_at_s": run.diverged_at}
@@ -251,7 +251,7 @@ def tracking_numbers(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def load_numbers(run: Trajectory) -> dict[str, Any]:
+def load_numbers(run: Trajectory) -> dict[str, float | None]:
     """Peak deviation from the command and time of recovery (±2 % of the step) after the disturbance started."""
     if run.diverged_at is not None:
         return {"peak_deviation_rad": None, "recovery_time_s": None, "diverged_at_s": run.diverged_at}
@@ -260,7 +260,7 @@ def load_numbers(run: Trajectory) -> dict[str, Any]:
     return {"peak_deviation_rad": m["peak_deviation"], "recovery_time_s": m["recovery_time_s"]}
 
 
-def _step_numbers(run: Trajectory) -> dict[str, Any]:
+def _step_numbers(run: Trajectory) -> dict[str, object]:
     m = run.metrics()
     return {
         **{key: m[key] for key in ("overshoot_percent", "settling_time_s", "rise_time_s")},
@@ -278,7 +278,7 @@ def _spread(values: Iterable[float | None]) -> list[float | None]:
 
 
 #: By the figure's number in the paper: whose runs, and what is read off each; of Figs. 9 and 10 off all plants.
-_READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
+_READ: dict[str, tuple[str, Callable[[Trajectory], Mapping[str, object]]]] = {
     "03": ("03", _step_numbers),
     "05": ("05", _step_numbers),
     "07": ("07", tracking_numbers),
@@ -294,7 +294,7 @@ _READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
 FIGURE_NUMBERS = tuple(f"{number:02d}" for number in range(3, 13))
 
 
-def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
+def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, Mapping[str, object]]:
     """Metrics of a figure's runs, by law and by where a torque acts.
 
     Of Figs. 9 and 10 [smallest, median, largest] over the plants; how many did not settle; in Fig. 10 the RMS error of
@@ -344,8 +344,8 @@ class Finding(NamedTuple):
     verdict: bool | Verdict
     evidence: str
     table: Table | None = None
-    numbers: Mapping[str, Any] = MappingProxyType({})
-    data: Any = None
+    numbers: Mapping[str, object] = MappingProxyType({})
+    data: object = None
     steps: Mapping[str, bool] = MappingProxyType({})
 
 

@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Any
 
 from flexhinf.paper.apart import Apart
 from flexhinf.paper.claims import BY_LENGTH, CLAIMS, NOT_JUDGED
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.settings import PaperSettings
-from flexhinf.report import Claim
+from flexhinf.report import Claim, Figure
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -24,11 +23,12 @@ class Reproduction:
     makes it again."""
 
     setup: PaperSetup
-    figures: dict[str, dict[str, Any]]
+    figures: dict[str, Mapping[str, object]]
     claims: tuple[Claim, ...]
     questions: tuple[Claim, ...]
     command: tuple[str, ...]
-    drawings: Mapping[str, Any]  # of the paper's figures, by number, and of claims' evidence, by their id
+    drawings: Mapping[str, str]  # of the paper's figures as SVG, by number
+    evidence: Mapping[str, Figure | None]  # figures of claims' evidence, by their id
 
     @cached_property
     def files(self) -> dict[str, str]:
@@ -36,7 +36,7 @@ class Reproduction:
         return import_module("flexhinf.pages.paper").paper_files(self)
 
     @cached_property
-    def metrics(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, object]:
         """Content of ``metrics.json``."""
         return {
             "version": 1,
@@ -66,17 +66,17 @@ def reproduce(
     Raises InfeasibleGamma: if γ is not above γ*.
     """
     progress("synthesis")
-    setup, figures, claims = PaperSetup(settings), dict[str, dict[str, Any]](), dict[str, Claim]()
+    setup, figures, claims = PaperSetup(settings), dict[str, Mapping[str, object]](), dict[str, Claim]()
     for figure in FIGURE_NUMBERS:
         progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
     pages = import_module("flexhinf.pages.paper")
-    drawings = pages.draw_figures(setup)
+    drawings, evidence = pages.draw_figures(setup), dict[str, Figure | None]()
 
     def add(stated: StatedClaim, wait: Callable[[], Claim | None] = lambda: None) -> None:
         progress(f"claim: {stated.id.replace('-', ' ')}")
         claim = claims[stated.id] = wait() or judge(setup, stated)
-        drawings[claim.id] = pages.draw_evidence(setup, claim)
+        evidence[claim.id] = pages.draw_evidence(setup, claim)
 
     begun = apart.begun if apart else [0, 0]
     for claim in reversed(BY_LENGTH):
@@ -88,4 +88,4 @@ def reproduce(
         for claim in BY_LENGTH[: -begun[1] or None]:  # begun there, and judged here only if it died
             add(claim, apart.judged)
     *paper, own = (claims[claim.id] for claim in CLAIMS)
-    return Reproduction(setup, figures, tuple(paper), (own,), tuple(command), drawings)
+    return Reproduction(setup, figures, tuple(paper), (own,), tuple(command), drawings, evidence)

@@ -11,9 +11,10 @@ The paper gives neither size nor place nor frequency of its disturbance torques.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,6 +73,14 @@ def step_text(run: Trajectory) -> str:
         f"overshoot {m['overshoot_percent']:.2f} %, {settled}, "
         f"at most {math.degrees(m['steady_state_error']):.2g}° off at the end, peak {m['peak_input']:.1f} V"
     )
+
+
+def _tracks_180(setup: PaperSetup) -> Finding:
+    return _tracks_step(setup.runs("03")["nonlinear"], math.pi)
+
+
+def _tracks_90(setup: PaperSetup) -> Finding:
+    return _tracks_step(setup.runs("05")["nonlinear"], math.pi / 2)
 
 
 def _tracks_step(run: Trajectory, goal: float) -> Finding:
@@ -160,7 +169,7 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
             Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
             Column("RMS error, start included", "°", 2),
         ),
-        [(name, *(m[key] and math.degrees(m[key]) for key in keys)) for name, m in laws.items()],
+        [(name, *((size := m[key]) and math.degrees(size) for key in keys)) for name, m in laws.items()],
         "Tracking π + sin(πt/10) by laws of the same weights.",
         "table-tracking",
     )
@@ -184,7 +193,7 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
     weights = LINK_WEIGHTS if of_link else INTEGRAL_WEIGHTS
     pairs = [(weight, 300.0) if of_link else (60.0, weight) for weight in weights]
     read = (OVERSHOOT, (RISE[0], Column(RISE[1].name, "s", 3)), SETTLING)
-    runs: list[dict[float, dict[str, Any]]] = []  # metrics by goal; None where no law exists
+    runs: list[dict[float, Mapping[str, float | None]]] = []  # metrics by goal; None where no law exists
     for link, integral in pairs:
         own = {"link_position": link, "link_position_integral": integral}
         try:
@@ -234,8 +243,8 @@ STEPS_AND_TRACKING = (
             (figure,),
         )
         for degrees, figure, judge in (
-            (180, "figure-03", lambda e: _tracks_step(e.runs("03")["nonlinear"], math.pi)),
-            (90, "figure-05", lambda e: _tracks_step(e.runs("05")["nonlinear"], math.pi / 2)),
+            (180, "figure-03", _tracks_180),
+            (90, "figure-05", _tracks_90),
         )
     ),
     StatedClaim(
@@ -259,14 +268,14 @@ STEPS_AND_TRACKING = (
         "60 x1 reduces the overshoot of the step response.",
         "With 300 x5 kept, the overshoot of the steps to 90° and 180° falls with each larger weight of x1: "
         f"{', '.join(f'{weight:g}' for weight in LINK_WEIGHTS)}.",
-        lambda setup: judge_weight(setup, "x1"),
+        partial(judge_weight, varied="x1"),
     ),
     StatedClaim(
         "integral-weight-is-fast",
         "300 x5 guarantees a fast response to a step command.",
         "“Fast” is read as a short time of rise from 10 to 90 % of the step. With 60 x1 kept, it falls at 90° and at "
         f"180° with each larger weight of x5: {', '.join(f'{weight:g}' for weight in INTEGRAL_WEIGHTS)}.",
-        lambda setup: judge_weight(setup, "x5"),
+        partial(judge_weight, varied="x5"),
     ),
 )
 
@@ -310,15 +319,21 @@ def run_gain(run: Attained) -> RunGain:
     return RunGain(run.gain, run.energy, math.inf if np.isinf(run.gain) else float(peak_of(angle)))
 
 
+def _pulse(height: float, seconds: float, t: np.ndarray) -> np.ndarray:
+    return np.where(t < seconds, height, 0.0)
+
+
+def _decaying_sine(height: float, hertz: float, t: np.ndarray) -> np.ndarray:
+    return height * np.exp(-t / 3.0) * np.sin(2.0 * math.pi * hertz * t)
+
+
 #: Pulses and decaying sines, small and large, by name: functions of arrays of times.
 STATED_DISTURBANCES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    f"pulse of {degrees}°, {seconds:g} s": lambda t, d=degrees, s=seconds: np.where(
-        t < s, math.radians(d), 0.0
-    )
+    f"pulse of {degrees}°, {seconds:g} s": partial(_pulse, math.radians(degrees), seconds)
     for degrees, seconds in ((10, 0.5), (10, 2.0), (90, 0.5), (90, 2.0), (180, 0.5))
 } | {
-    f"sine of {degrees}°, {hertz:g} Hz, decaying in 3 s": lambda t, d=degrees, f=hertz: (
-        math.radians(d) * np.exp(-t / 3.0) * np.sin(2.0 * math.pi * f * t)
+    f"sine of {degrees}°, {hertz:g} Hz, decaying in 3 s": partial(
+        _decaying_sine, math.radians(degrees), hertz
     )
     for degrees, hertz in ((10, 0.25), (10, 0.5), (90, 0.25), (90, 0.5), (90, 1.0))
 }
@@ -332,12 +347,13 @@ def attained_gain(setup: PaperSetup) -> Finding:
         for name, signal in STATED_DISTURBANCES.items()
     }
     worst: dict[str, RunGain] = {}
-    d: Any = search.small()[1]  # the worst sinusoid of small motions, (N, 1)
+    d = search.small()[1]  # the worst sinusoid of small motions, (N, 1)
     for energy in ENERGIES:  # each search begins from the last, up to where the loop diverges
-        d, name = search.ascend(d, energy, turns=12), f"worst found, ∫|d|² = {energy:g}"
-        if d is None:
+        further, name = search.ascend(d, energy, turns=12), f"worst found, ∫|d|² = {energy:g}"
+        if further is None:
             worst[name] = RunGain(math.inf, energy, math.inf)
             break
+        d = further
         worst[name] = run_gain(search.attained(d))
     gains = {**stated, **worst}
     tame, largest = (

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import FORMS, EquilibriumLoop, GrowthRates, ProcessNoise, growth_rates
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.loop import Step
 from flexhinf.paper.loop_setup import (
     GOALS,
@@ -120,7 +120,7 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 
     The rate of a run without noise is that of the RMS of the link's velocity between two parts of it.
     """
-    jobs, kinds = [], setup.population.kinds
+    jobs, kinds = list[tuple[float, int, float]](), setup.population.kinds
     for goal in GOALS:
         rates, sampled = study.chosen[goal].rates, np.flatnonzero(kinds == "draw")[::10]
         # the worst by growth rate, every tolerance alone, and every tenth of those sampled
@@ -134,12 +134,13 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
     for goal in GOALS:
         own = [(k, expected) for at, k, expected in jobs if at == goal]
         ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
-        for (_, expected), velocity in zip(
-            own, ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0], strict=True
-        ):
+        velocities: Matrix = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
+        for (_, expected), velocity in zip(own, velocities, strict=True):
             measured = late = np.inf  # of a run that diverged
             if not np.isnan(velocity).any():
-                windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
+                windows: list[Vector] = [
+                    velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE)
+                ]
                 early, late = (max(float(np.sqrt(np.mean(window**2))), 1e-300) for window in windows)
                 measured = float(np.log(late / early) / (LONG * (LATE[0] - EARLY[0])))
             decayed = late < 1e-9 and expected < 0.0  # to rounding: its rate says nothing
@@ -154,7 +155,7 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 def _robust_to_tolerances(setup: PaperSetup) -> Finding:
     study = ToleranceStudy(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
-    parts = []
+    parts: list[str] = []
     for goal, rates in chosen.items():
         slowest = f"slowest mode {number(rates.fastest, decimals=3)}/s"
         parts.append(
@@ -195,7 +196,7 @@ def _robust_to_tolerances(setup: PaperSetup) -> Finding:
 
 
 def _tolerance_table(study: ToleranceStudy) -> Table:
-    rows: list[tuple[Any, ...]] = []
+    rows: list[tuple[object, ...]] = []
     for goal in GOALS:
         groups = {"true state fed back": [study.true_state[goal]]}
         if study.estimated:
@@ -235,10 +236,12 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
 
 # Coil ----------------------------------------------------------------------------------------------------
 def _coil_is_negligible(setup: PaperSetup) -> Finding:
-    law, rows, growth, changes = setup.nonlinear, [], -math.inf, []
+    law, growth, slowest = setup.nonlinear, -math.inf, np.zeros(1, dtype=complex)
+    rows: list[tuple[object, ...]] = []
+    changes: list[tuple[float, float]] = []
     for kind in dict.fromkeys(("none", setup.settings.estimator)):
         for goal in GOALS:
-            metrics = []
+            metrics: list[Vector] = []
             for coil, plant in setup.true_plants.items():
                 filter = setup.estimator(kind)
                 run = setup.run(
@@ -271,12 +274,12 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
             changes.append((abs(with_coil[0] - without[0]), abs(with_coil[1] / without[1] - 1.0)))
     worst, slower = np.nan_to_num(changes).max(axis=0).tolist()
     lost = int(np.isnan(changes).any(axis=1).sum())
-    slowest = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
+    rate = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
     unknown = f" In {lost} of {len(changes)} cases a run diverges or does not settle, so no change is known."
     return Finding(
         not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0,
         f"The coil changes the overshoot by at most {worst:.2f} % of the step and the settling time by at most "
-        f"{100 * slower:.1f} %; with it {slowest if math.isfinite(growth) else 'some loop has no equilibrium'}."
+        f"{100 * slower:.1f} %; with it {rate if math.isfinite(growth) else 'some loop has no equilibrium'}."
         f"{unknown if lost else ''}",
         Table(
             (

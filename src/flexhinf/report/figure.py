@@ -239,14 +239,8 @@ def legend(axes: Axes) -> None:
     handles, names = axes.get_legend_handles_labels()
     if not handles:
         return
-    wrapped = ["\n".join(textwrap.wrap(name, 44)) for name in names]
-    letters = [max(map(len, name.split("\n"))) for name in wrapped]
     room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 75.0  # pt, beside tick and axis labels
-    # Matplotlib fills a legend column by column
-    layouts = (np.array_split(letters, -(-len(names) // rows)) for rows in range(1, len(names)))
-    fitting = (
-        len(parts) for parts in layouts if sum(0.6 * TEXT * max(part) + 3.2 * TEXT for part in parts) <= room
-    )
+    wrapped, columns = min(_layouts(names, room), key=_height)
     tiny = (
         axes.get_yscale() == "linear" and max(map(abs, axes.get_ylim())) < 1e-4
     )  # a power of ten stands there
@@ -255,10 +249,40 @@ def legend(axes: Axes) -> None:
         wrapped,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.14 if tiny else 1.0),
-        ncols=next(fitting, 1),
+        ncols=columns,
         borderaxespad=0.2,
         columnspacing=1.0,
         handletextpad=0.5,
+    )
+
+
+#: What no line of a legend ends within: a comparison, a number with its per cent sign.
+_FORMULA, _GLUE = re.compile(r"\S+ [=<≤>≥] \S+|\S+ %"), re.compile("\N{NO-BREAK SPACE}")
+
+
+def _glued(part: re.Match[str]) -> str:
+    return part[0].replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def _layouts(names: Sequence[str], room: float) -> Iterator[tuple[list[str], int]]:
+    """Names of a legend, in wider lines first, and numbers of columns that fit into so many points."""
+    for width in (44, 30, 22, 16):
+        wrapped = [
+            _GLUE.sub(" ", "\n".join(textwrap.wrap(_FORMULA.sub(_glued, name), width))) for name in names
+        ]
+        yield wrapped, 1
+        letters = [max(map(len, name.split("\n"))) for name in wrapped]
+        for columns in range(2, len(names) + 1):
+            parts = np.array_split(letters, columns)  # Matplotlib fills a legend column by column
+            if sum(0.6 * TEXT * max(part) + 3.2 * TEXT for part in parts) <= room:
+                yield wrapped, columns
+
+
+def _height(layout: tuple[list[str], int]) -> int:
+    """Lines of the highest column."""
+    wrapped, columns = layout
+    return max(
+        sum(name.count("\n") + 1 for name in part) for part in np.array_split(np.array(wrapped), columns)
     )
 
 
@@ -285,23 +309,39 @@ class Film:
 def figure_to_svg(figure: Figure) -> str:
     """A figure as an SVG document; the same figure gives the same bytes, and no date is in them.
 
-    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out. Names
-    with dollar signs are set as they are, not as formulas; powers of ten beside logarithmic axes stay formulas.
+    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out. It is
+    drawn again where the axes, in their new size, got longer numbers, which push a label over the edge. Names with
+    dollar signs are set as they are, not as formulas; powers of ten beside logarithmic axes stay formulas.
     """
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
     for text in _texts(figure):
         if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
             text.set_parse_math(False)
+    svg = _svg_text(figure)
+    if any(float(x[0] or x[1]) < 0.8 * TEXT for x in _UPRIGHT.findall(svg)):
+        for axes in figure.axes:
+            if axes.get_yscale() == "linear":
+                low, high = sorted(axes.get_ylim())
+                axes.set_yticks([mark for mark in axes.get_yticks() if low <= mark <= high])
+        svg = _svg_text(figure)
+    finer = re.compile(r"(?<=\d\.\d\d)\d+")  # than hundredths of a point, which no screen shows
+    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), svg)
+    return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
+
+
+#: Where the foot of a text that reads upwards is, points from the left edge: of one line, of one among several.
+_UPRIGHT = re.compile(r"rotate\(-90 ([-\d.]+) |translate\(([-\d.]+) [-\d.]+\) rotate\(-90")
+
+
+def _svg_text(figure: Figure) -> str:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     stream = io.StringIO()
     with warnings.catch_warnings():  # the browser has fonts for every script
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         FigureCanvasSVG(figure).print_svg(
             stream, metadata={"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
         )
-    finer = re.compile(r"(?<=\d\.\d\d)\d+")  # than hundredths of a point, which no screen shows
-    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), stream.getvalue())
-    return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
+    return stream.getvalue()
 
 
 def _texts(artist: Artist) -> Iterator[Text]:

@@ -309,16 +309,11 @@ class Page:
         # Paper is light: the dark colours are for screens only.
         screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
         count, last = sum(map(len, self.settings.groups.values())), "About this page"
+        brief = f"all {count}, and who states them"
         sections = (
             *self.sections,
-            Section(
-                "Settings",
-                (self.settings,),
-                "settings",
-                group=last,
-                brief=f"all {count}, and who states them",
-            ),
-            Section("How to make this again", (self.provenance,), "again"),
+            *([Section("Settings", (self.settings,), "settings", group=last, brief=brief)] if count else []),
+            Section("How to make this again", (self.provenance,), "again", group="" if count else last),
         )
         contents = '<li><a href="#top">Result</a></li><li><a href="#summary">Summary</a></li>' + "".join(
             (f'<li class="group">{prose(part.group)}</li>' if part.group else "")

@@ -1,4 +1,4 @@
-"""Lines of a robot file about drives with a loop of their own, as estimates.
+"""Lines of a robot file about drives: of those with a loop of their own, as estimates, and of motors with constants.
 
 A servo's loop of position has some 20 Hz, one of velocity some 60 Hz; fieldbuses take a command every 1 to 8 ms and act
 on it one or two commands later (docs/drives.md).
@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 from typing import Final, NamedTuple
 
+from flexhinf.robot.estimates import EstimatedJoint
+from flexhinf.robot.mjcf_actuators import DcMotor
 from flexhinf.robot.parameters import ESTIMATE
 
 #: Drives whose numbers are estimated here, with the bandwidth of their loops, Hz.
@@ -20,15 +22,20 @@ PERIOD, DELAY = 4e-3, 8e-3
 #: Damping ratio of a position loop; the bandwidth's tolerance, per cent.
 RATIO, TOLERANCE = 0.9, 30.0
 
+#: Drives whose input is that of a motor with known constants, with its unit.
+ELECTRICAL: Final = {"voltage": "V", "current": "A"}
+
 #: Largest command over the joint's range or speed: what a law may add to the planned one.
 ROOM = 1.2
 
 
 class DriveLines(NamedTuple):
-    """What stands in [[joint]], the line about its largest command, and in [joint.motor]."""
+    """What stands in [[joint]], the line about its largest command, and in [joint.motor]; whether the constants there
+    are those before the gear, whose ratio is stated too."""
 
     limit: str
     motor: tuple[str, ...]
+    before_gear: bool = False
 
 
 def drive_lines(
@@ -63,6 +70,28 @@ def drive_lines(
             f'drive_period = "{1e3 * PERIOD:g} ms"  # between two commands: that of your interface',
             f'drive_delay = "{1e3 * DELAY:g} ms"  # from a command to the loop: measure it',
         ),
+    )
+
+
+def electrical_lines(motor: DcMotor, drive: str, guess: EstimatedJoint, file: str, coils: bool) -> DriveLines:
+    """Lines for a joint whose motor takes a voltage or a current; `file` states its constants, `coils` inductances too.
+
+    Its largest voltage is the one that holds the largest torque at rest, where no smaller one is stated.
+    """
+    constant, resistance = motor.electrical["torque_constant"], motor.electrical["resistance"]
+    torque = min(motor.torque, motor.voltage * constant / resistance)
+    stated = min(motor.voltage, motor.torque * resistance / constant)
+    limit = stated if drive == "voltage" else torque / constant
+    guessed = guess.effort / motor.gear_ratio / constant * (resistance if drive == "voltage" else 1.0)
+    known = limit < float("inf")
+    why = f"of {file}" if known else f"{ESTIMATE}: twice what weight asks for"
+    names = [name for name in motor.electrical if coils or name != "inductance"]
+    names = names if drive == "voltage" else ["torque_constant"]
+    source = f"source = {json.dumps(file, ensure_ascii=False)}"
+    return DriveLines(
+        f"effort_limit = {limit if known else guessed:.4g}  # {ELECTRICAL[drive]}, {why}",
+        tuple(f"{name} = {{ value = {motor.electrical[name]:.6g}, {source} }}" for name in names),
+        before_gear=True,
     )
 
 

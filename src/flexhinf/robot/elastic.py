@@ -290,6 +290,7 @@ def required_of_drive(
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways."""
     one_of("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
     required, count = [], len(joints)
+    coils = any(per_joint("inductance", joint, count) in names for joint in joints)
     for joint in joints:
         geared = per_joint("rotor_inertia", joint, count) in names
         inertia = ("rotor_inertia", "gear_ratio") if geared else ("motor_inertia",)
@@ -297,6 +298,9 @@ def required_of_drive(
         if drive in INNER:
             loop, gains = INNER[drive]
             quantities += gains if per_joint(gains[0], joint, count) in names else loop
+        quantities += (
+            ("inductance",) if coils and drive == "voltage" else ()
+        )  # coils of some motors only are none
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
 

@@ -15,7 +15,13 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
-from flexhinf.robot.actuators import PublishedJoint, gear_name, published_gears, published_joints
+from flexhinf.robot.actuators import (
+    PublishedJoint,
+    gear_name,
+    published_gears,
+    published_joints,
+    similar_gears,
+)
 from flexhinf.robot.drive_limits import OF_COMMANDS, per_second
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
@@ -256,8 +262,7 @@ def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> Pub
     known = published_gears()
     name = gear_name(value)
     if name not in known:
-        series, _, size = name.partition("-")
-        same = [other for other in known if other.startswith(f"{series}-{size.partition('-')[0]}-")]
+        same = similar_gears(name)
         raise Unusable(
             f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
             nearest(name, same or known, "'CSG-25-100'"),

@@ -11,18 +11,19 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.robot.actuators import published_joints
-from flexhinf.robot.drive_text import DriveLines, drive_lines
+from flexhinf.robot.actuators import gear_name, published_gears, published_joints, similar_gears
+from flexhinf.robot.drive_text import ELECTRICAL, LOOPS, DriveLines, drive_lines, electrical_lines
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
 from flexhinf.robot.mjcf import read_mjcf
+from flexhinf.robot.mjcf_actuators import ON_JOINT
 from flexhinf.robot.mjcf_joints import coupled_joints, driven_joints, first_keyframe
 from flexhinf.robot.parameters import ESTIMATE
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import NEAREST, Correction, RigidArm, ball_inertia, toml_key
 from flexhinf.robot.urdf import read_urdf
-from flexhinf.validation import read_xml
+from flexhinf.validation import nearest, one_of, read_xml, value_text
 
 #: So often what a reader refuses is worked around: each time it may find more.
 ROUNDS = 10
@@ -55,6 +56,15 @@ class Description:
             with file_warnings(), collected_faults() as faults:
                 arm = self.read()
             if not faults:
+                coils = {name: "inductance" in motor.electrical for name, motor in arm.dc_motors.items()}
+                if len({*coils.values()}) > 1:
+                    alone = [name for name, coil in coils.items() if coil]
+                    self.changes.append(f"{_listed(alone)} alone state an inductance, which is left out")
+                self.changes += [
+                    f"of the <dcmotor> of {name!r} is left out: {', '.join(motor.left_out)}"
+                    for name, motor in arm.dc_motors.items()
+                    if motor.left_out
+                ]
                 return arm
             for fault in faults:
                 self._work_around(fault, arm)
@@ -123,13 +133,53 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names))
 
 
+def drive_of(arm: RigidArm, wanted: str | None) -> str:
+    """What the motors of an arm take: what is wanted, else voltages where each joint has a <dcmotor> that takes them,
+    else torques."""
+    motors = [arm.dc_motors.get(joint.name) for joint in arm.joints]
+    unknown = [joint.name for joint, motor in zip(arm.joints, motors) if motor is None]
+    refuse_if(
+        wanted in ELECTRICAL and unknown,
+        "The constants of motors are not known.",
+        f"expected --drive torque, velocity or position where no <dcmotor> drives {_listed(unknown[:5])}, got {wanted}",
+        "torque_constant (and resistance, back_emf_constant) in [joint.motor] of the file that is written",
+    )
+    by_voltage = all(motor is not None and motor.takes_voltage for motor in motors)
+    return wanted or ("voltage" if by_voltage else "torque")
+
+
+def gears_named(arm: RigidArm, texts: Sequence[str]) -> dict[str, str]:
+    """Names of published gears by joint, of texts "joint=name", or "name" for all joints that turn."""
+    gears, turning = dict[str, str](), [joint.name for joint in arm.joints if not joint.slides]
+    for text in texts:
+        joint, equals, stated = text.rpartition("=")
+        name, known = gear_name(stated), published_gears()
+        same = similar_gears(name)
+        refuse_if(
+            name not in known,
+            f"There is no published gear {value_text(stated, 60)}.",
+            f"expected a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
+            nearest(name, same or known, "CSG-25-100"),
+        )
+        if equals:
+            one_of(f"There is no joint {value_text(joint, 60)} that turns.", joint, turning)
+        gears |= dict.fromkeys([joint] if equals else [name for name in turning if name not in gears], name)
+    return gears
+
+
 # Text ---------------------------------------------------------------------------------------------
 def robot_file_text(
-    found: Description, arm: RigidArm, out: Path, drive: str = "", rigid: Sequence[str] = ()
+    found: Description,
+    arm: RigidArm,
+    out: Path,
+    drive: str = "torque",
+    rigid: Sequence[str] = (),
+    gears: Mapping[str, str] | None = None,
 ) -> str:
     """A robot file beside which `out` is: every joint that moves, numbers of the file, estimates of the others.
 
-    `drive`: "velocity" or "position" where its motors have loops of their own. `rigid`: joints without a spring.
+    `drive`: what the motors take; "voltage" and "current" only where each joint has a <dcmotor>. `rigid`: joints
+    without a spring. `gears`: names of published gears by joint, beside those that the file names.
     """
     file, key = found.path.name, "mjcf" if found.is_mjcf else "urdf"
     beside = Path(os.path.relpath(found.path.absolute(), out.absolute().parent)).as_posix()
@@ -150,18 +200,28 @@ def robot_file_text(
         lines += ["", f"[links.{toml_key(link)}]", f"inertia = {value}"]
     stated = {} if found.is_mjcf else transmissions(found.root)
     coupled = {} if found.is_mjcf else couplings(found.root, found.joints)
+    named = gears_of(found.root) | dict(gears or {})
+    coils = all("inductance" in motor.electrical for motor in arm.dc_motors.values())
     for joint, speed, (name, guess) in zip(
         arm.joints, arm.speeds, estimated_joints(arm).items(), strict=True
     ):
         torque = guess.effort if guess.stated else None
-        loop = drive_lines(drive, joint.limits, speed, joint.slides, torque, file) if drive else None
+        loop = drive_lines(drive, joint.limits, speed, joint.slides, torque, file) if drive in LOOPS else None
+        if drive in ELECTRICAL:
+            loop = electrical_lines(arm.dc_motors[name], drive, guess, file, coils)
         lines += ["", "[[joint]]", f"name = {_text(name)}"]
         if name in coupled:
             row = ", ".join(f"{toml_key(joint)} = {factor:g}" for joint, factor in coupled[name].items())
             lines += [f"coupling = {{ {row} }}  # <transmission> of {file}"]
-        lines += _joint(
-            name, guess, arm.motors.get(name, {}), stated.get(name, {}), file, loop, name in rigid
-        )
+        own, shaft = arm.motors.get(name, {}), stated.get(name, {})
+        if (motor := arm.dc_motors.get(name)) is not None:
+            shaft = {"gear_ratio": motor.gear_ratio}
+            if motor.rotor_inertia:
+                shaft["rotor_inertia"] = motor.rotor_inertia
+                shaft |= {"hub_inertia": motor.hub_inertia} if motor.hub_inertia else {}
+                own = {quantity: value for quantity, value in own.items() if quantity != "motor_inertia"}
+        gear = "" if name in rigid or joint.slides else named.get(name, "")
+        lines += _joint(name, guess, own, shaft, file, loop, name in rigid, gear)
     return "\n".join(lines) + "\n"
 
 
@@ -173,22 +233,29 @@ def _joint(
     file: str,
     loop: DriveLines | None,
     rigid: bool,
+    catalogue: str,
 ) -> Iterator[str]:
     own, known = dict(numbers), published_as(name)
     if known:
         yield f"actuator = {_text(known)}"
+    if catalogue:
+        yield f"gear = {_text(catalogue)}  # its stiffness is that of the catalogue"
     if loop is not None:
         yield from filter(None, [loop.limit])
     elif not guess.stated:
         yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what weight asks for"
     if rigid:
         yield f"rigid = true  # {ESTIMATE}: its spring vibrates faster than samples of 1 ms show"
-    else:
+    elif not catalogue:
         yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}")
     yield "[joint.motor]"
     published = published_joints()[known].numbers if known else {}
     if "rotor_inertia" in gear and "gear_ratio" in gear and "motor_inertia" not in own:
         own |= gear
+    elif loop is not None and loop.before_gear:
+        own |= gear
+        if "motor_inertia" not in own:
+            yield f"motor_inertia = {_number(vars(guess.motor_inertia))}"
     elif not {"motor_inertia"} & {*own, *published}:
         yield f"motor_inertia = {_number(vars(guess.motor_inertia))}"
     if not {"friction"} & {*own, *published}:
@@ -242,6 +309,21 @@ def transmissions(root: Element) -> dict[str, dict[str, float]]:
         for joint in joints if len(joints) == 1 else ():  # two motors of one have numbers of their own
             gears[joint.get("name", "")] = numbers
     return gears
+
+
+def gears_of(root: Element) -> dict[str, str]:
+    """Published gears by joint, that the <transmission> of one joint, or an actuator of MJCF, names: CSG-25-100."""
+    named: dict[str, str] = {}
+    for one in (*root.iter("transmission"), *root.findall("actuator/*")):
+        texts = [text for part in one.iter() for text in (part.text or "", *part.attrib.values())]
+        tokens = [word.strip(".,;:()[]\"'") for text in texts for word in text.split()]
+        known = {gear_name(word) for word in tokens} & {*published_gears()}
+        joints = {str(joint.get("name")) for joint in one.findall("joint")} or {
+            str(one.get(key)) for key in ON_JOINT if one.get(key)
+        }
+        if len(known) == len(joints) == 1:
+            named[joints.pop()] = known.pop()
+    return named
 
 
 def couplings(root: Element, moving: Sequence[str]) -> dict[str, dict[str, float]]:

@@ -20,7 +20,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement, matrix_of
-from flexhinf.robot.mjcf_actuators import largest_effort
+from flexhinf.robot.mjcf_actuators import ON_JOINT, dc_motor, largest_effort, motor_numbers, warn_of_actuators
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
@@ -75,9 +75,6 @@ ACTUATORS = {
     "dcmotor",
 }
 
-#: How an actuator says that it acts on a joint alone.
-ON_JOINT = ("joint", "jointinparent")
-
 #: How couplings and tendons name what they act on.
 ENDS = {
     "joint": ("joint1", "joint2"),
@@ -95,7 +92,7 @@ KNOWN = {
     "length",
     "actuator": "trntype dyntype gaintype biastype trnid actadr actnum group ctrllimited forcelimited actlimited "
     "dynprm gainprm biasprm actearly ctrlrange forcerange actrange gear cranklength acc0 length0 lengthrange user "
-    "plugin history historyadr delay ctrladr ctrlnum outadr outnum ctrlspec",
+    "plugin history historyadr delay ctrladr ctrlnum outadr outnum ctrlspec armature damping",
 }
 NEUTRAL = (
     '<mujoco><worldbody><body><joint name="a"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody>'
@@ -128,7 +125,7 @@ def read_mjcf(
     dynamics is refused.
     """
     mujoco = extra_package("mujoco", "mujoco", NO_MUJOCO)
-    _check_elements(root, ("include", "attach", "replicate"))  # which may hold the arm
+    check_whole(root)
     check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
     scene = scene_of(root)
     movable = tuple(joint.name for joint in scene.joints if joint.type.name in KINDS)
@@ -146,7 +143,7 @@ def read_mjcf(
     _use_shapes(spec, set(moving))
     model = _by_mujoco(spec.compile)
     _check_arrays(mujoco, model, moving)
-    _warn_of_actuators(root, moving)
+    warn_of_actuators(root, moving)
     arm.locked = _with_followers(root, arm.locked, model)
     return _filled(arm, model)
 
@@ -167,13 +164,21 @@ def _correct(spec: Any, inertias: Mapping[str, Correction]) -> None:
             body.inertia = np.diag(nearest_inertia(np.diag(body.inertia)))
 
 
+def check_whole(root: Element) -> None:
+    """Refuse a file that takes the arm, or parts of it, from elsewhere."""
+    _check_elements(root, ("include", "attach", "replicate"))
+
+
 def _check_elements(root: Element, refused: Collection[str]) -> None:
     for element in root.iter():
+        included = element.get("file") if element.tag == "include" else None
         refuse_if(
             element.tag in refused,
             f"<{element.tag}> is not read.",
-            "expected bodies, joints and inertials in this file",
-            REFUSED.get(element.tag, ""),
+            "expected bodies, joints and inertials in this file"
+            + (f", got {value_text(included, 60)}" if included else ""),
+            ("the file that it includes, if the arm is in it; or " if included else "")
+            + REFUSED.get(element.tag, ""),
         )
 
 
@@ -203,16 +208,23 @@ def _arm_of(root: Element, moving: Collection[str]) -> Element:
 
 
 def _check_still(spec: Any, moving: Sequence[str], chosen: bool) -> None:
-    """Let balls stand still where some joints were chosen to move; refuse a base that floats, and balls else."""
+    """Let balls and a base that floats stand still where some joints were chosen to move; refuse them else."""
     free, balls = (
         [(body.name, joint) for body in spec.bodies for joint in body.joints if joint.type.name == kind]
         for kind in ("mjJNT_FREE", "mjJNT_BALL")
     )
+    base = ", ".join(repr(name) for name, _ in free)
     refuse_if(
-        free,
-        f"the base {', '.join(repr(name) for name, _ in free)} floats: its joint is of type 'free'.",
+        free and not chosen,
+        f"the base {base} floats: its joint is of type 'free'.",
         "expected a robot on a fixed base",
-        "the file without this <freejoint>: the base then stands where it is drawn",
+        f"{selection(moving, moving)}: the base then stands where it is drawn",
+    )
+    ask(
+        free,
+        f"The base {base}, which floats, stands still as it is drawn.",
+        "expected a robot on a fixed base",
+        "the file without its joint of type 'free'",
     )
     names = ", ".join(repr(joint.name or f"of body {name}") for name, joint in balls)
     refuse_if(
@@ -282,31 +294,6 @@ def _pruned(element: Element, inside: Collection[str] = INSIDE) -> Element:
     return kept
 
 
-def _warn_of_actuators(root: Element, moving: Sequence[str]) -> None:
-    """Say which actuators are not read, since the limits of the motors are then unknown."""
-    others = [
-        part
-        for group in root.findall("actuator")
-        for part in group
-        if all(part.get(key) is None for key in ON_JOINT) and part.tag != "adhesion"
-    ]
-    joints = {name for part in others for name in acted_on(root, part)}
-    ask(
-        others and (joints & set(moving) or any(not acted_on(root, part) for part in others)),
-        "Not every actuator is read: the motors' limits that it would state are unknown.",
-        f"expected actuators of a joint each, got {len(others)} of other kinds, such as "
-        f"{value_text(others[0].get('name') or others[0].tag, 60) if others else ''}",
-        "effort_limit = … in [[joint]] of the elastic file",
-    )
-
-
-def acted_on(root: Element, actuator: Element) -> set[str]:
-    """The joints of the tendon that an actuator pulls; none where it pulls something else."""
-    tendon = actuator.get("tendon")
-    parts = [part for group in root.findall("tendon") for part in group if part.get("name") == tendon]
-    return {str(joint.get("joint")) for part in parts for joint in part if joint.get("joint")}
-
-
 def _check_arrays(mujoco: Any, model: Any, moving: Sequence[str]) -> None:
     """Refuse numbers of moving joints, and of their actuators, that this reader does not know and that are not neutral.
 
@@ -314,7 +301,7 @@ def _check_arrays(mujoco: Any, model: Any, moving: Sequence[str]) -> None:
     """
     neutral = mujoco.MjModel.from_xml_string(NEUTRAL)
     joints = [model.joint(name).id for name in moving]
-    acting = [k for k in range(model.nu) if model.actuator_trnid[k, 0] in joints]
+    acting = [k for k, (joint, _) in enumerate(model.actuator_trnid.tolist()) if joint in joints]
     places = {"jnt": joints, "dof": [int(model.jnt_dofadr[j]) for j in joints], "actuator": acting}
     owners = {"jnt": joints, "dof": joints, "actuator": [int(model.actuator_trnid[k, 0]) for k in acting]}
     for kind, known in KNOWN.items():
@@ -432,7 +419,7 @@ def _check_couplings(root: Element, moving: Sequence[str]) -> None:
             if any(part.tag not in ("site", "pulley") for part in element):
                 return True
         places = [f"{word} {name}" for word in ("body", "site") for name in ends[word]]
-        at = {carriers.get(place, place) for place in places} | ({""} if len(places) == 1 else set())
+        at = {carriers.get(place, "") for place in places} | ({""} if len(places) == 1 else set())
         return not places or len(at) > 1
 
     for element in (element for group in root.findall("equality") for element in group):
@@ -538,7 +525,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             if model.jnt_type[j] < 2:
                 continue  # a ball, which stands still
             joint, axis = model.joint(j).name, tuple(model.jnt_axis[j].tolist())
-            at, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+            at = int(model.jnt_qposadr[j])
             kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
             limits: Any = range_of(*model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
             anchor = model.jnt_pos[j].tolist()
@@ -549,14 +536,9 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             carrier, place = arm.add_joint(carrier, joint, kind, axis, place, limits)
             if joint not in arm.locked:
                 arm.efforts.append(largest_effort(model, j))
-                columns = {
-                    "motor_inertia": model.dof_armature,
-                    "friction": model.dof_damping,
-                    "coulomb_friction": model.dof_frictionloss,
-                }
-                arm.motors[joint] = {
-                    name: float(column[dof]) for name, column in columns.items() if column[dof]
-                }
+                arm.motors[joint] = motor_numbers(model, j)
+                if (motor := dc_motor(model, j)) is not None:
+                    arm.dc_motors[joint] = motor
                 arm.frames[joint] = Frame(joint, Placement())
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))

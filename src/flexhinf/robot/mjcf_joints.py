@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from flexhinf.robot.mjcf import KINDS, acted_on, scene_of
+from flexhinf.robot.mjcf import KINDS, check_whole, scene_of
+from flexhinf.robot.mjcf_actuators import ON_JOINT, acted_on
 
 
 class DrivenJoints(NamedTuple):
@@ -16,16 +17,19 @@ class DrivenJoints(NamedTuple):
 
 
 def driven_joints(root: Element) -> DrivenJoints:
-    """The joints of a file that turn or slide, in its order, and which of them have an actuator."""
+    """The joints of a file that turn or slide, in its order, and which of them have an actuator of their own."""
+    check_whole(root)
     every = [joint.name for joint in scene_of(root).joints if joint.type.name in KINDS]
-    acted = {name for actuator in root.findall("actuator/*") for name in acted_on(root, actuator)}
-    return DrivenJoints(every, acted & set(every))
+    acted = {str(part.get(key)) for part in root.findall("actuator/*") for key in ON_JOINT}
+    pulled = [acted_on(root, part) for part in root.findall("actuator/*")]
+    return DrivenJoints(every, acted.union(*(names for names in pulled if len(names) == 1)) & set(every))
 
 
 def coupled_joints(root: Element) -> set[str]:
-    """Joints that <equality> couples to others: of grippers, mostly."""
+    """Joints that <equality>, or the tendon of one actuator, couples to others: of grippers and hands, mostly."""
     rows = [*root.findall("equality/joint")]
-    return {name for row in rows for key in ("joint1", "joint2") if (name := row.get(key))}
+    pulled = [names for part in root.findall("actuator/*") if len(names := acted_on(root, part)) > 1]
+    return {name for row in rows for key in ("joint1", "joint2") if (name := row.get(key))}.union(*pulled)
 
 
 def first_keyframe(root: Element) -> dict[str, float]:

@@ -15,6 +15,7 @@ from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_MASS, refuse_part
+from flexhinf.robot.mjcf_actuators import DcMotor
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link, ask
 from flexhinf.validation import HUGE, distinct, one_of, real_number, value_text
@@ -68,6 +69,8 @@ class RigidArm:
         Largest torque (N·m) or force (N), and velocity (rad/s, m/s), of each joint; infinite where none is stated.
     motors
         Of each joint: numbers of its motor by their names in a robot file, seen from the link.
+    dc_motors
+        Of MJCF only: the <dcmotor> of each joint that has one.
     gravity, down
         Of MJCF only: free fall, m/s², and its direction (3,).
     """
@@ -82,6 +85,7 @@ class RigidArm:
     efforts: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
     motors: dict[str, dict[str, float]] = field(default_factory=dict)
+    dc_motors: dict[str, DcMotor] = field(default_factory=dict)
     gravity: float = GRAVITY
     down: tuple[float, float, float] | None = None
     _bodies: list[list[Any]] = field(default_factory=list)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -57,12 +58,11 @@ ATTRIBUTES = {
 #: The link that files may name without stating it, as Drake's do.
 WORLD = "world"
 
-#: Elements of xacro that make others: without them nothing of a file is to be expanded.
+#: Elements of xacro that make others: without them, and without texts that name a property or an argument, nothing of
+#: a file is to be expanded.
 XACRO = {
     "include",
     "macro",
-    "property",
-    "arg",
     "if",
     "unless",
     "insert_block",
@@ -191,12 +191,15 @@ def _check_xacro(root: Element) -> None:
         str(element.tag).rpartition("}")[2].rpartition(":")[2]
         for element in root.iter()
         if "xacro" in str(element.tag)
-    }
-    open_texts = any("${" in text or "$(" in text for part in root.iter() for text in part.attrib.values())
+    } - {"property", "arg"}  # which change nothing where no text names them
+    read = [part for path in ("link", "joint", "joint/*", "link/inertial/*") for part in root.findall(path)]
+    opened = [
+        _open_texts(parts) for parts in (read, root.iter())
+    ]  # what is only drawn may name a mesh by one
     refuse_if(
-        left & XACRO or (left and open_texts),
+        left & XACRO or (left and opened[1]) or opened[0],
         "This is a xacro file.",
-        "expected plain URDF, got elements of xacro",
+        f"expected plain URDF, got {value_text(opened[0][0], 60) if opened[0] else 'elements of xacro'}",
         "xacro arm.xacro > arm.urdf",
     )
     ask(
@@ -205,6 +208,11 @@ def _check_xacro(root: Element) -> None:
         "expected plain URDF",
         "xacro arm.xacro > arm.urdf, with all files that it includes",
     )
+
+
+def _open_texts(parts: Iterable[Element]) -> list[str]:
+    """Attributes that name a property or an argument of xacro."""
+    return [text for part in parts for text in part.attrib.values() if "${" in text or "$(" in text]
 
 
 def _named(root: Element, tag: str) -> dict[str, Element]:
@@ -254,11 +262,11 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
 def _check_element(name: str, element: Element) -> None:
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
-        count = len(element.findall(tag))
+        found = {ElementTree.tostring(part).strip() for part in element.findall(tag)}
         refuse_if(
-            count > 1,
-            f"<{tag}> stands {count} times in {where} {name!r}.",
-            f"expected one <{tag}>, got {count}",
+            len(found) > 1,
+            f"<{tag}> stands {len(found)} times in {where} {name!r}, and says different things.",
+            f"expected one <{tag}>, got {len(found)}",
             "delete the others",
         )
     known = (*once, *OTHERS.get(element.tag, ()))
@@ -326,7 +334,7 @@ def _vector(
     if element is None or element.get(key) is None:
         return default
     text = str(element.get(key))
-    tokens = text.split()
+    tokens = re.sub(r",(?=\s)", "", text).split()  # a comma before a space is none of a decimal fraction
     numbers = tuple(float(word) for word in tokens) if all(map(NUMBER.fullmatch, tokens)) else ()
     if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
         unit = UNITS.get((element.tag, key), ("", ""))[slides]
@@ -466,7 +474,7 @@ def _limits(name: str, joint: Element, locked: bool) -> tuple[float, float] | No
         return None
     lower, upper = (_number(name, joint.find("limit"), key, _slides(joint)) for key in ("lower", "upper"))
     if refuse_part(
-        lower > upper or (lower == upper != 0.0 and not locked),
+        (lower > upper or lower == upper != 0.0) and not locked,
         NO_ROOM,
         (name,),
         f"The limits of the joint {name!r} leave no room.",
@@ -476,6 +484,9 @@ def _limits(name: str, joint: Element, locked: bool) -> tuple[float, float] | No
         else f"locked = {{{toml_key(name)} = {lower:g}}} at the top of the robot file",
     ):
         return None
+    lower, upper = sorted(
+        (lower, upper)
+    )  # of a joint that stands still, where turned ends and none are the same
     return range_of(lower, upper) if lower < upper or lower == upper != 0.0 else None
 
 

@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import governed, resisted
+from flexhinf.loop.controller.governor import braked, governed, resisted
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
@@ -287,6 +287,18 @@ def test_unlike_motors_that_all_saturate_come_back_slowly_on_ten_arms() -> None:
     assert full >= 3
 
 
+def test_an_integral_that_throws_a_joint_is_taken_back_and_one_that_carries_is_not() -> None:
+    """Faster than is shown by all of the largest speed for 20 ms, towards where the integral drives, and the other
+    way; and faster by a fifth, as noise may have it."""
+    before = np.array([0.5, 0.5, 0.5, -0.5])
+    after = before
+    for _ in range(round(0.02 / PERIOD)):
+        after = braked(after, np.array([-1.0, 1.0, -0.2, 1.0]), [PERIOD])
+    assert np.array_equal(after[1:3], before[1:3])
+    assert np.abs(after[[0, 3]]).max() < 0.15 * 0.5
+    assert np.array_equal(np.sign(after), np.sign(before))
+
+
 def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:
     controller = made()
     controller.save(tmp_path / "controller")
@@ -308,7 +320,8 @@ def test_motors_of_coupled_joints_are_shifted_as_these_joints_turn_them() -> Non
     tracked, places = [Source(True, 0, 0), Source(True, 1, 1)], ((0, 2, 4, 6), (1, 3, 5, 7))
     turned, seen, r = ((1.0, 0.0), (1.0, 1.0)), np.array([0.9, -1.4]), np.zeros(10)
     shown, far, _ = governed(
-        tracked, places, turned, np.append(seen, [0.0, 0.0]), seen, r, r, r, np.zeros(2), np.zeros(1), [PERIOD],
+        tracked, places, turned, np.append(seen, [0.0, 0.0]), np.append(seen, np.zeros(6)), r, r, r, np.zeros(2),
+        np.zeros(1), [PERIOD],
         BACK.data(PERIOD),
     )  # fmt: skip
     assert np.array_equal(far, [1.0, 1.0])

@@ -1,6 +1,6 @@
-"""Check in ball arithmetic that all pairs of a range of λ tolerate the errors of mass that a file states.
+"""Check in ball arithmetic that all pairs of a range of λ tolerate the errors of masses and springs that a file states.
 
-The file has the law of the pairs, the loop, a sector, a multiplier τ, and intervals of λ with P at both ends. P(λ) is
+The file has the law of the pairs, the loop, two sectors, multipliers, and intervals of λ with P at both ends. P(λ) is
 linear between these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is
 a polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less the norms
 of all that follows.
@@ -14,7 +14,7 @@ Nothing is imported from the search. Every number of the file is a double, and r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -27,14 +27,22 @@ from flexhinf.errors import InvalidInput, refuse_if
 #: Bits of the balls.
 BITS = 106
 
+#: Share of a matrix by which its negative part is made larger.
+MORE = 1e-6
+
 #: A period is divided into so many parts, each at most so many times into two, in which Φ₂₂ is regular.
 PARTS, HALVINGS = 4, 8
 
-#: Coordinates of (z, z′, s, s′, f): what an error pushes, the twist s, and its rate.
-PUSH, TWIST, TURN = (0.0, 1.0, 0.0, -1.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0, 0.0)
+#: Coordinates of (z, z′, s, s′, f, e): what an error of the links pushes, s, its rate, and e.
+PUSH, TWIST, TURN, ERROR = np.array(
+    [[0, 1, 0, -1, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 1]], dtype=object
+)
 
 #: Keys of single numbers in a file.
-SCALARS = ["period", "motor", "damping", "holding", "input", "lower", "upper", "multiplier", "rate"]
+LOOP = ["period", "motor", "damping", "holding", "input", "rate"]
+ERRORS = ["lower", "upper", "softer", "stiffer"]
+MULTIPLIERS = ["multiplier", "spring_multiplier", "twist_weight", "rate_weight", "lift"]
+SCALARS = [*LOOP, *ERRORS, *MULTIPLIERS]
 
 #: Most intervals, states of a pair, and terms of a filter's series in a file.
 MOST = 100_000, 40, 2_000
@@ -56,15 +64,26 @@ class PairClaim(NamedTuple):
     filter_range: tuple[float, float] | None  # ends of log λ in it
     lower: float  # δ₁
     upper: float  # δ₂
+    softer: float  # ε₁
+    stiffer: float  # ε₂
     multiplier: float  # τ, periods
+    spring_multiplier: float  # ρ, periods
+    twist_weight: float  # μ₁, periods²
+    rate_weight: float  # μ₂
+    lift: float  # c, periods
     rate: float  # α, 1/s
     links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
     storages: np.ndarray  # (N, 2, n, n), P at both ends of each
 
     @property
     def states(self) -> int:
-        """n, of the loop of a pair."""
-        return 6 + self.latency + 4 * (self.seen is not None)
+        """n, of the loop of a pair, and e where springs have errors."""
+        return 6 + self.latency + 4 * (self.seen is not None) + self.with_springs
+
+    @property
+    def with_springs(self) -> bool:
+        """Whether springs have errors."""
+        return max(self.softer, self.stiffer) > 0.0
 
 
 class CheckedPairs(NamedTuple):
@@ -74,6 +93,8 @@ class CheckedPairs(NamedTuple):
     high: float  # largest λ, 1/s²
     lower: float  # δ₁: inertia matrices up to M/(1 − δ₁)
     upper: float  # δ₂: and down to M/(1 + δ₂)
+    softer: float  # ε₁: stiffness down to (1 − ε₁) K
+    stiffer: float  # ε₂: and up to (1 + ε₂) K
     rate: float  # α, 1/s: small motions about rest decay at least like exp(−αt)
     intervals: int
 
@@ -95,7 +116,8 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             if not (fits and len(ends) == 2 and ends[0] < ends[1] and len(table) <= MOST[2]):
                 raise ValueError("the observer has other shapes")
         poles, coefficients = _finite(numbers["poles"], 1), _finite(numbers["coefficients"], 2)
-        n = 6 + latency + 4 * (seen is not None)
+        springs = max(one["softer"], one["stiffer"]) > 0.0
+        n = 6 + latency + 4 * (seen is not None) + bool(springs)
         links = _finite([parts[0]["low"], *(part["high"] for part in parts)], 1)
         triangles = _finite([part["storages"] for part in parts], 3)
         if any(part["low"] != low for part, low in zip(parts, links.tolist())):
@@ -119,6 +141,10 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             ("rate", one["rate"] >= 0.0),
             ("lower", 0.0 <= one["lower"] < 1.0),
             ("upper", one["upper"] >= 0.0),
+            ("softer", 0.0 <= one["softer"] < 1.0),
+            ("stiffer", one["stiffer"] >= 0.0),
+            ("twist_weight", one["twist_weight"] >= 0.0),
+            ("rate_weight", one["rate_weight"] > 0.0 or (one["rate_weight"] == 0.0 and not springs)),
             ("poles", (poles > 0.0).all()),
             ("intervals", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
         )
@@ -127,7 +153,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     refuse_if(
         bool(wrong),
         "The certificate of a workspace has numbers outside their ranges.",
-        f"expected positive rates, a sector below 1 and ascending intervals, got other {', '.join(wrong)}",
+        f"expected positive rates, sectors below 1, weights and ascending intervals, got other {', '.join(wrong)}",
         "the file that flexhinf certify has written",
     )
     storages = np.zeros((len(parts), 2, n, n))
@@ -171,7 +197,8 @@ def check_pairs(claim: PairClaim) -> CheckedPairs | int:
         if not interval_proved(claim, k):
             return k
     low, high = claim.links[[0, -1]].tolist()
-    return CheckedPairs(low, high, claim.lower, claim.upper, claim.rate, len(claim.storages))
+    errors = claim.lower, claim.upper, claim.softer, claim.stiffer
+    return CheckedPairs(low, high, *errors, claim.rate, len(claim.storages))
 
 
 def interval_proved(claim: PairClaim, k: int) -> bool:
@@ -207,10 +234,24 @@ def _proves(claim: PairClaim, k: int) -> bool:
         return False
     p = TaylorMatrix([(first + last) * arb(0.5), (last - first) * arb(0.5), first * 0])
     centre, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
-    value, slope, *others = _inequality(_loop(claim, centre, half), p, root, inverse).parts
+    value, slope, bend, *others = _inequality(_loop(claim, centre, half), p, root, inverse).parts
+    # N₀ + N₁u + N₂u² ≥ N₀ + N₁u − D between −1 and 1 for every D ≥ 0 with N₂ + D ≥ 0.
+    loss = _below(bend)
     unit = arb_mat(np.eye(value.nrows()).tolist())
-    tail = unit * sum((frobenius(part.entries()) for part in others), arb(0))
-    return all(positive_definite(value + sign * slope - tail) for sign in (1, -1))
+    tail = loss + unit * sum((frobenius(part.entries()) for part in others), arb(0))
+    return positive_definite(bend + loss) and all(
+        positive_definite(value + sign * slope - tail) for sign in (1, -1)
+    )
+
+
+def _below(matrix: arb_mat) -> arb_mat:
+    """The negative part of a symmetric matrix, some more than that; of the middles of its balls."""
+    middle = np.array([[float(entry.mid()) for entry in row] for row in matrix.tolist()])
+    values, vectors = np.linalg.eigh(0.5 * (middle + middle.T))
+    part = (vectors * np.maximum(-values, 0.0)) @ vectors.T + MORE * np.abs(values).max() * np.eye(
+        len(values)
+    )
+    return arb_mat((0.5 * (part + part.T)).tolist())
 
 
 class _WorstPeriod(NamedTuple):
@@ -232,69 +273,102 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
 
 def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
-    hamiltonian, free = _hamiltonian(claim, centre, half)
-    shift = TaylorMatrix.of(_times(np.outer(TURN, TURN), arb(claim.multiplier)))
-    flow = hamiltonian.exponential()
-    x, y = flow.rows(0, 5).columns(0, 5), flow.rows(0, 5).columns(5, 10)
-    c, d = flow.rows(5, 10).columns(0, 5), flow.rows(5, 10).columns(5, 10)
-    end = shift @ y + d
+    whole_flow, size = _flow(claim, centre, half), 5 + claim.with_springs
+    flow = whole_flow.hamiltonian.exponential()
+    x, y = flow.rows(0, size).columns(0, size), flow.rows(0, size).columns(size, 2 * size)
+    c, d = flow.rows(size, 2 * size).columns(0, size), flow.rows(size, 2 * size).columns(size, 2 * size)
+    end = whole_flow.shift @ y + d
     inverse = end.inverse()
-    w, q = y @ inverse, inverse @ (end @ shift - shift @ x - c)
-    acting, memory = _sampled(claim, centre, half, free.exponential().rows(0, 4))
-    own, other = 4, claim.states - 4
-    felt, across = w.rows(0, own).columns(0, own), TaylorMatrix.of([[0] * other for _ in range(own)])
-    empty = TaylorMatrix.of([[0] * other for _ in range(other)])
-    whole = TaylorMatrix.stacked([[felt, across], [across.transpose(), empty]])
+    w, q = y @ inverse, inverse @ (end @ whole_flow.shift - whole_flow.shift @ x - c)
+    acting, memory = _sampled(claim, centre, half, whole_flow.free.exponential().rows(0, 4))
     growth = (arb(claim.rate) * arb(claim.period)).exp()
-    after = TaylorMatrix.stacked([[inverse.transpose().rows(0, 4) @ acting], [memory.times(growth)]])
-    return _WorstPeriod(after, acting.transpose() @ q @ acting, whole)
-
-
-def _hamiltonian(claim: PairClaim, centre: arb, half: arb) -> tuple[TaylorMatrix, TaylorMatrix]:
-    """The Hamiltonian matrix (10, 10) without τs′², and M (5, 5)."""
-    h = arb(claim.period)
-    alpha, tau, lower, upper = map(arb, (claim.rate, claim.multiplier, claim.lower, claim.upper))
-    alpha *= h
-    kappa, beta, nu, b = claim.motor * h**2, claim.damping * h, claim.holding * h**2, claim.input * h**2
-    still = arb_mat(
-        [
-            [0, 1, 0, 0, 0],
-            [0, 0, 0, 0, 0],
-            [0, 0, 0, 1, 0],
-            [-nu, -beta, -kappa - nu, -beta, b],
-            [0, 0, 0, 0, 0],
-        ]
+    # Rows of the flow's states that the worst moves, and where the loop has these.
+    places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.with_springs
+    places[range(4), range(4)] = 1
+    if claim.with_springs:
+        places[-1, -1] = 1
+    moves = TaylorMatrix.of(places.tolist())
+    kept = np.eye(claim.states, dtype=int)[4 : 4 + other].T
+    after = moves.transpose() @ inverse.transpose() @ acting + TaylorMatrix.of(kept.tolist()) @ memory.times(
+        growth
     )
-    size = [h**2 * centre, h**2 * half, arb(0)]
+    return _WorstPeriod(after, acting.transpose() @ q @ acting, moves.transpose() @ w @ moves)
 
-    def by_size(left: Sequence[float], right: Sequence[float], factor: arb) -> TaylorMatrix:
-        """λh² times a factor and an outer product."""
-        table = arb_mat(_times(np.outer(left, right), factor))
-        return TaylorMatrix([table * part for part in size])
 
-    free = TaylorMatrix([still, still * 0]) + by_size(PUSH, TWIST, arb(1))
-    m = free + TaylorMatrix.of(_times(np.eye(5), alpha))
-    n = (upper - lower) / 2 + tau * alpha
-    shift = TaylorMatrix.of(_times(np.outer(TURN, TURN), tau))
-    moved = m + by_size(PUSH, TWIST, n)
-    gained = by_size(TWIST, TWIST, n**2 + lower * upper) + shift @ m + m.transpose() @ shift
-    push = by_size(PUSH, PUSH, arb(1))
-    return TaylorMatrix.stacked([[moved, push], [-gained, -moved.transpose()]]), free
+class _Flow(NamedTuple):
+    """What errors do to a pair within a period, in periods."""
+
+    hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f, e) and its costate
+    shift: TaylorMatrix  # S, which is added to V
+    free: TaylorMatrix  # M of (z, z′, s, s′, f), without errors and rate
+
+
+def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
+    h, size = arb(claim.period), 5 + claim.with_springs
+    numbers = [arb(getattr(claim, name)) for name in (*ERRORS, *MULTIPLIERS)]
+    lower, upper, softer, stiffer, tau, rho, twist_weight, rate_weight, lift = numbers
+    alpha, zero = arb(claim.rate) * h, arb(0)
+    kappa, beta, nu, b = (
+        arb(claim.motor) * h**2,
+        arb(claim.damping) * h,
+        arb(claim.holding) * h**2,
+        arb(claim.input) * h**2,
+    )
+    twist, turn = TWIST + ERROR, TURN + alpha * TWIST
+    # What else than the twist of the spring turns s: ṙ without −(λ + κ)(s + e).
+    driven = np.array([-nu, -beta, -nu, -beta, b, zero], dtype=object)
+    driving = driven + alpha * (TURN + turn)
+    still = np.outer(TURN, driven - kappa * twist)
+    still[0, 1] += 1
+    still[2, 3] += 1
+
+    def linear(constant: np.ndarray, slope: np.ndarray) -> TaylorMatrix:
+        """constant + λh² slope, the rows and columns that there are."""
+        first, second = (
+            arb_mat([[zero + entry for entry in row[:size]] for row in part[:size].tolist()])
+            for part in (constant, slope)
+        )
+        return TaylorMatrix([first + second * (h**2 * centre), second * (h**2 * half), first * 0])
+
+    felt, pushed = np.outer(PUSH, twist), np.outer(PUSH, PUSH)
+    free = linear(still, felt)
+    growth = alpha * np.diag([1, 1, 1, 1, 1, 0]).astype(object)
+    moved, entry, gained = still + growth, pushed * 0, tau * _twice(turn, driving)
+    shift = tau * (np.outer(turn, turn) + kappa * np.outer(twist, twist))
+    if claim.with_springs:
+        n = (stiffer - softer) / 2 * turn + tau / rate_weight * driving
+        moved = moved + np.outer(ERROR, n)
+        entry = entry + np.outer(ERROR, ERROR) / rate_weight
+        shift = shift + lift * np.outer(ERROR, ERROR)
+        gained = gained + rate_weight * (np.outer(n, n) + softer * stiffer * np.outer(turn, turn))
+        known = softer * stiffer * np.outer(TWIST, TWIST) + (stiffer - softer) / 2 * _twice(TWIST, ERROR)
+        gained = gained + twist_weight * (known - np.outer(ERROR, ERROR)) + rho * _twice(turn, ERROR)
+    m = linear(moved, (1 + (upper - lower) / 2) * felt)
+    q = linear(gained, ((lower + upper) / 2) ** 2 * np.outer(twist, twist))
+    hamiltonian = TaylorMatrix.stacked([[m, linear(entry, pushed)], [-q, -m.transpose()]])
+    whole = linear(shift, tau * np.outer(twist, twist))
+    return _Flow(hamiltonian, whole, free.rows(0, 5).columns(0, 5))
+
+
+def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The matrix of the quadratic form 2 (left · x)(right · x)."""
+    return np.outer(left, right) + np.outer(right, left)
 
 
 def regular_at_first(claim: PairClaim) -> bool:
     """Whether Φ₂₂ is regular at all instants of a period at the first λ: then it is so in all intervals in which it is
     regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
     with _balls():
-        rate = _hamiltonian(claim, arb(float(claim.links[0])), arb(0))[0].parts[0]
-        added = _times(np.outer(TURN, TURN), arb(claim.multiplier))
+        whole_flow, size = _flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.with_springs
+        rate, shift = whole_flow.hamiltonian.parts[0], whole_flow.shift
         parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
         while parts:
             begin, end, halvings = parts.pop()
             centre, half = (begin + end) / 2, (end - begin) / 2
             try:
-                flow = TaylorMatrix([rate * centre, rate * half, rate * 0]).exponential().columns(5, 10)
-                (TaylorMatrix.of(added) @ flow.rows(0, 5) + flow.rows(5, 10)).inverse()
+                flow = TaylorMatrix([rate * centre, rate * half, rate * 0]).exponential()
+                flow = flow.columns(size, 2 * size)
+                (shift @ flow.rows(0, size) + flow.rows(size, 2 * size)).inverse()
             except (ZeroDivisionError, OverflowError, ValueError):
                 if not halvings:
                     return False
@@ -302,14 +376,11 @@ def regular_at_first(claim: PairClaim) -> bool:
     return True
 
 
-def _times(table: np.ndarray, number: arb) -> list[list[arb]]:
-    return [[number * entry for entry in row] for row in table.tolist()]
-
-
 def _sampled(
     claim: PairClaim, centre: arb, half: arb, flow: TaylorMatrix
 ) -> tuple[TaylorMatrix, TaylorMatrix]:
-    """(z, z′, s, s′) and the acting input, and the memory after a period, by the states of the loop."""
+    """(z, z′, s, s′), the acting input, and e where springs have errors, and the memory after a period, by the states
+    of the loop."""
     h, n, observed = arb(claim.period), claim.states, claim.seen is not None
     unit = TaylorMatrix.of(np.eye(n).tolist())
     state, memory = unit.rows(0, 4), 4 + 4 * observed
@@ -334,7 +405,7 @@ def _sampled(
     position = (state if exact else estimate).rows(0, 1)
     before, last = unit.rows(memory, memory + 1), unit.rows(memory + 1, memory + 2)
     integral, ahead = before + (last + position).times(arb(0.5)), estimate
-    waiting = [unit.rows(k, k + 1) for k in range(memory + 2, n)]
+    waiting = [unit.rows(k, k + 1) for k in range(memory + 2, n - claim.with_springs)]
     for one in waiting:
         ahead = flow @ TaylorMatrix.stacked([[ahead], [one]])
 
@@ -346,4 +417,5 @@ def _sampled(
     queue = [*waiting, force]
     after = [flow @ TaylorMatrix.stacked([[estimate], [queue[0]]])] if observed else []
     after = [[part] for part in (*after, integral, position, *queue[1:])]
-    return TaylorMatrix.stacked([[state], [queue[0]]]), TaylorMatrix.stacked(after)
+    error = [[unit.rows(n - 1, n)]] if claim.with_springs else []
+    return TaylorMatrix.stacked([[state], [queue[0]], *error]), TaylorMatrix.stacked(after)

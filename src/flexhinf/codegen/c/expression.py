@@ -153,6 +153,10 @@ class Expressions:
             self.numbers[value] = name
         return lines
 
+    def named(self, value: int) -> int:
+        """How many lines give a value its names."""
+        return 1 + bool(self._is_truth(value) and self._as_flag[value] and self._as_number[value])
+
     def begin(self, numbers: Mapping[int, str]) -> None:
         """Write another function: values that are known in it, as numbers."""
         self.numbers, self.flags, self._count = dict(numbers), dict[int, str](), Counter[str]()

@@ -24,7 +24,7 @@ from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real
 from flexhinf.codegen.c.expression import Expressions
 from flexhinf.codegen.c.layout import block, headed, loop
-from flexhinf.codegen.cut import Filling, pieces
+from flexhinf.codegen.cut import Filling, lines_of, pieces
 from flexhinf.codegen.dataflow import LEAVES, Dataflow
 from flexhinf.codegen.operations import COSTLY, OPERATIONS
 
@@ -192,17 +192,22 @@ class FunctionText:
     @cached_property
     def _parts(self) -> list[list[Stage]]:
         """Lines of each function, stage by stage."""
-        stages, sizes = self._stage_of, self._expressions.sizes
-        lines = self._expressions.lines(list(stages))
-        last = {value: place for place, k in enumerate(lines) for value in self._expressions.leaves(k)}
-        parts, filling, begin = dict[int, list[Stage]](), Filling(), 0
+        stages, text, results = (
+            self._stage_of,
+            self._expressions,
+            {value for _, _, value in self.flow.outputs},
+        )
+        lines = text.lines(list(stages))
+        last = {value: k for k in lines for value in text.leaves(k)}
+        sizes = {k: text.named(k) + (k in results and k in last) for k in lines}
+        if self.apart:  # results are written where they are computed
+            last = {k: user for k, user in last.items() if k not in results}
+        else:
+            last |= dict.fromkeys(results, -1)
+        parts, filling = dict[int, list[Stage]](), Filling(last=last)
         for stage, own in groupby(lines, stages.__getitem__):
-            here = list(own)
-            uses = [last.get(k, -1) - begin for k in here]
-            for piece in pieces([sizes[k] for k in here], uses):
-                number = filling.add(sum(sizes[k] for k in here[piece]))
-                parts.setdefault(number, []).append((stage, here[piece]))
-            begin += len(here)
+            for piece, size in pieces([*own], sizes, text.leaves, last):
+                parts.setdefault(filling.add(size, piece), []).append((stage, list(piece)))
         return list(parts.values()) or [[]]
 
     @cached_property
@@ -320,7 +325,8 @@ class FunctionText:
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
         parts, filling = dict[int, list[str]](), Filling()
         for lines in filter(None, self.several()):
-            parts.setdefault(filling.add(sum(map(_operations, lines))), []).extend(lines)
+            size = sum(max(1.0, lines_of(_operations(line))) for line in lines)
+            parts.setdefault(filling.add(size), []).extend(lines)
         for number, lines in enumerate(parts.values(), start=1):
             yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
 

@@ -25,7 +25,7 @@ damping far out of reach to `RINGS`, so that no noise is spent in vain.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -42,6 +42,7 @@ from flexhinf.analysis import (
     modes,
 )
 from flexhinf.analysis.optimiser import PENALTY
+from flexhinf.copies import shared_out
 from flexhinf.design.estimators import is_kalman
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.noise_levels import EstimatorNoise
@@ -221,7 +222,8 @@ class _Search:
 
     def run(self) -> NoiseSearch | None:
         default = self.candidate(EstimatorNoise.stated(self.setup.specification))
-        begun = [candidate for x in self.families() if (candidate := self.at(x)) is not None]
+        self.tried += [default] if default is not None else []
+        begun = self.all_at([*self.families()])
         if not begun:
             return None
         # A limit that every candidate so far, or the law itself, fails is relaxed; see the head of this file.
@@ -244,11 +246,11 @@ class _Search:
             # No levels make every corner stable: the best of some candidates. The fraction of unstable corners counts
             # as an excess, in ln.
             ordered = sorted(map(self.counted, self.tried), key=_order)
-            checked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
+            looked = ordered[:: max(1, len(ordered) // LOOKED)]
+            checked = [chosen, *shared_out(self.with_corners, looked, compiles=False)]
             count = max(1, len(self.corners))
             chosen = min(checked, key=lambda c: c.judgement().merit + PENALTY * (c.unstable or 0) / count)
-        for factor in SCALED:
-            self.at(self.place(chosen.levels) + np.log10(factor))
+        self.all_at([self.place(chosen.levels) + np.log10(factor) for factor in SCALED])
         # Metrics of the choice by a dense frequency sweep, as the evaluation of the design computes them.
         exact = Margins(self.filtered.margins(chosen.levels.covariance(self.setup.model.states)).linear)
         chosen = replace(
@@ -288,7 +290,19 @@ class _Search:
                 here, there = np.log10(speed / share), np.log10(speed / share * less * np.sqrt(fraction))
                 yield np.concatenate([here, there] if seen is link else [there, here])
 
+    def all_at(self, places: Sequence[np.ndarray]) -> list[NoiseCandidate]:
+        """The candidates of these x (2 joints,) on all processors, without those of unstable loops."""
+        found = [each for each in shared_out(self.judged, places) if each is not None]
+        self.tried += found
+        return found
+
     def at(self, x: np.ndarray) -> NoiseCandidate | None:
+        """The candidate of x (2 joints,), which is noted as tried; None for an unstable loop."""
+        candidate = self.judged(x)
+        self.tried += [candidate] if candidate is not None else []
+        return candidate
+
+    def judged(self, x: np.ndarray) -> NoiseCandidate | None:
         """The candidate of x (2 joints,); None for an unstable loop."""
         n, x = len(self.unit), np.clip(x, np.log10(MIN_LEVEL), np.log10(MAX_LEVEL))
         levels = np.tile(self.unit, 2) * 100.0**x
@@ -317,7 +331,7 @@ class _Search:
             compliance / COMPLIANCE,
             float((noises / self.loudest).max()),
         )
-        candidate = self.counted(
+        return self.counted(
             NoiseCandidate(
                 levels,
                 loop.peak_sensitivity,
@@ -330,8 +344,6 @@ class _Search:
                 noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
             )
         )
-        self.tried.append(candidate)
-        return candidate
 
     def excess(
         self, sensitivity: float, gain_margin: float, delay: float, damping: float, *others: float
@@ -376,7 +388,8 @@ class _Search:
         growth = self.loop.modes(
             self.corners, candidate.levels.covariance(self.setup.model.states), self.equilibria
         )
-        self.equilibria = growth.equilibrium
+        if self.equilibria is None:  # others begin there, in whatever order they are looked at
+            self.equilibria = growth.equilibrium
         return replace(candidate, unstable=int((growth.rate >= 0.0).sum()))
 
     @cached_property

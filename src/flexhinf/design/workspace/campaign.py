@@ -38,6 +38,7 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
 from flexhinf.files import write_file
 from flexhinf.loop import Step, Trajectory
+from flexhinf.loop.simulation.inputs import RunOptions, SampleOptions
 from flexhinf.options import CampaignOptions
 from flexhinf.report import to_json
 from flexhinf.robot.signals import UNITS, signal_names
@@ -228,7 +229,7 @@ class MovedRobots(Tolerances):
         }:
             options["disturbance"] = loads
         delay = int(row.get(DELAY, 0.0))
-        return Sample(plant.parameters.known(values), options, row, delay=delay)
+        return Sample(plant.parameters.known(values), cast("SampleOptions", options), row, delay=delay)
 
     def ends(self, index: int) -> np.ndarray:
         """Start and goal (2, n) of the move of an index, rad or m; NaN where the search for goals fails."""
@@ -343,8 +344,9 @@ class WorkspaceCampaign(DesignCampaign[WorkspaceSetup]):
             loop = loop.with_plant(setup.true_plant.augmented(offsets=self.offsets))
         draw = MovedRobots(self.variables, o.method, setup=setup, seed=o.seed, longest_delay=o.extra_delay)
         first = setup.move_arguments(draw.ends(0))[1]
-        options = {"duration": first["duration"], "noise": setup.noise}
-        options = {name: value for name, value in options.items() if value is not None}
+        options: RunOptions = {"duration": first["duration"]}
+        if setup.noise is not None:
+            options["noise"] = setup.noise
         return Campaign(
             loop, draw, o.samples, o.seed, options, self.metrics.metrics, (), o.batch, self.stated
         )

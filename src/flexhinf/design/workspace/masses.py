@@ -1,4 +1,4 @@
-"""How far the inertia matrices of a file's robots are from the model's, as a sector of their inverses."""
+"""How far inertia matrices and springs of a file's robots are from the model's, as sectors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flexhinf.design.plans import true_robot
 from flexhinf.design.responses import with_values
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal.popov import Sector
+from flexhinf.modal.popov import EXACT, Errors, Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import Parameter, payload_masses
@@ -26,16 +26,22 @@ OF_INERTIA = ("mass", "inertia", "payload", "centre_of_mass", "length")
 PROPORTIONAL = re.compile(r"(mass|inertia|inertia_(xx|yy|zz))(_.*)?$")
 
 
-class StatedMasses(NamedTuple):
-    """What the masses and payloads of a file's tolerances do to the inverse inertia matrix: −δ₁ ≤ Δ ≤ δ₂."""
+#: The stiffness of a joint's spring.
+STIFFNESS = re.compile(r"stiffness(_.*)?$")
 
-    sector: Sector
+
+class StatedErrors(NamedTuple):
+    """What a file's tolerances do to the inverse inertia matrix, by masses and payloads, and to the stiffness."""
+
+    errors: Errors
     poses: int  # at which it was looked at; 0 where it holds at every pose
     others: tuple[str, ...]  # uncertain quantities that it does not hold
 
 
-def stated_masses(setup: WorkspaceSetup) -> StatedMasses:
-    """The sector of a setup's robots, by their tolerances.
+def stated_errors(setup: WorkspaceSetup) -> StatedErrors:
+    """The sectors of a setup's robots, by their tolerances.
+
+    The stiffness matrix is proportional to the stiffness of all springs, so (1 − ε₁) K ≤ K̂ ≤ (1 + ε₂) K.
 
     Where masses and moments of inertia alone are uncertain, in per cent, (1 − p) M ≤ M̂ ≤ (1 + p) M holds at every pose:
     the kinetic energy is a sum over these with weights that are not negative. Otherwise robots at corners of their
@@ -43,11 +49,17 @@ def stated_masses(setup: WorkspaceSetup) -> StatedMasses:
     """
     robot = setup.true.robot
     masses = [p for p in robot.uncertain if p.name.startswith(OF_INERTIA)]
-    others = tuple(dict.fromkeys(_quantity(p.name, robot) for p in robot.uncertain if p not in masses))
+    springs = [p for p in robot.uncertain if STIFFNESS.match(p.name)]
+    others = tuple(
+        dict.fromkeys(_quantity(p.name, robot) for p in robot.uncertain if p not in masses + springs)
+    )
+    shares = [end / p.value - 1.0 for p in springs for end in p.interval]
+    softer_or_stiffer = Sector(max(0.0, -min(shares, default=0.0)), max(0.0, max(shares, default=0.0)))
     if not masses and setup.other is None:
-        return StatedMasses(Sector(0.0, 0.0), 0, others)
+        return StatedErrors(Errors(EXACT, softer_or_stiffer), 0, others)
     if setup.other is None and (share := _proportional(robot, masses)) is not None:
-        return StatedMasses(Sector(1.0 - 1.0 / (1.0 + share), 1.0 / (1.0 - share) - 1.0), 0, others)
+        sector = Sector(1.0 - 1.0 / (1.0 + share), 1.0 / (1.0 - share) - 1.0)
+        return StatedErrors(Errors(sector, softer_or_stiffer), 0, others)
     poses = setup.workspace.sample(POSES, POSES_SEED)
     corners = [robot.heaviest, *robot.random_corners(CORNERS, POSES_SEED)]
     ends = [0.0, 0.0]
@@ -61,7 +73,7 @@ def stated_masses(setup: WorkspaceSetup) -> StatedMasses:
             turned = root.T @ true.matrix(pose, values) @ root
             low, high = np.linalg.eigvalsh(0.5 * (turned + turned.T))[[0, -1]]
             ends = [max(ends[0], 1.0 - low), max(ends[1], high - 1.0)]
-    return StatedMasses(Sector(*map(float, ends)), POSES, others)
+    return StatedErrors(Errors(Sector(*map(float, ends)), softer_or_stiffer), POSES, others)
 
 
 class LargestMasses(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.checker.pairs import interval_proved, pair_claim, regular_at_first
-from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
+from flexhinf.modal.popov import NONE, Errors, PairStorages, PopovTolerance, SampledPairs, popov_tolerance
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
 FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
@@ -16,8 +16,8 @@ FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
 MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 2e-5, 12
 
-#: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
-SHARES, RATES = (0.97, 0.9, 0.7), (0.005, 0.0)
+#: Shares of a tolerance that are tried in turn, and with errors of springs; of the slowest decay, tried as a rate.
+SHARES, SPRUNG, RATES = (0.97, 0.9, 0.7), (0.9, 0.7), (0.005, 0.0)
 
 Numbers = dict[str, Any]
 
@@ -54,19 +54,20 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
 
 
 def largest_certificate(
-    pairs: SampledPairs, shape: Sector, progress: Callable[[str], None]
+    pairs: SampledPairs, shape: Errors, progress: Callable[[str], None], fixed: Errors = NONE
 ) -> tuple[PopovTolerance, Numbers | None]:
-    """The computed tolerance of a sector's shape, and the certificate of the largest share of it that is proved."""
-    progress("errors of masses that are tolerated, computed")
-    tolerance = popov_tolerance(pairs, shape)
+    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of what is proved."""
+    progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
+    tolerance = popov_tolerance(pairs, shape, fixed=fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
-    for share in SHARES if max(tolerance.sector) > 0.0 else ():
+    shares = SPRUNG if max(tolerance.errors.springs) > 0.0 else SHARES
+    for share in shares if tolerance.share > 0.0 else ():
         for part in RATES:
-            sector = tolerance.sector.scaled(share)
+            errors = fixed.and_share(share * tolerance.share, shape)
             found = pair_certificate(
-                PairStorages(pairs, sector, tolerance.multiplier, part * slowest),
-                lambda done, sector=sector: progress(
-                    f"proof of {100 * max(sector):.3g} %, {100 * done:.0f} % of it"
+                PairStorages(pairs, errors, tolerance.multipliers, part * slowest).lifted(),
+                lambda done, errors=errors: progress(
+                    f"proof of {100 * errors.largest:.3g} %, {100 * done:.0f} % of it"
                 ),
             )
             if found is not None:
@@ -77,7 +78,7 @@ def largest_certificate(
 def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
     """What a file says of pairs, see `flexhinf.certify.checker.pairs.PairClaim`."""
     pairs, gains = storages.pairs, storages.pairs.gains
-    pair, observer = gains.pair(1.0), None
+    pair, observer, multipliers = gains.pair(1.0), None, storages.multipliers
     if pairs.filter is not None:
         seen, table, ends = pairs.filter.pair
         observer = {
@@ -95,9 +96,15 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         "poles": gains.poles.tolist(),
         "coefficients": gains.coefficients[:5].tolist(),
         "observer": observer,
-        "lower": storages.sector.lower,
-        "upper": storages.sector.upper,
-        "multiplier": storages.multiplier,
+        "lower": storages.errors.masses.lower,
+        "upper": storages.errors.masses.upper,
+        "softer": storages.errors.springs.lower,
+        "stiffer": storages.errors.springs.upper,
+        "multiplier": multipliers.masses,
+        "spring_multiplier": multipliers.springs,
+        "twist_weight": multipliers.twist_weight,
+        "rate_weight": multipliers.rate_weight,
+        "lift": multipliers.lift,
         "rate": float(storages.rate),
         "intervals": intervals,
     }

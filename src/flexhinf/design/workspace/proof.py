@@ -1,4 +1,4 @@
-"""What is proved of a controller for a workspace: which errors of mass and payload its loop tolerates at rest.
+"""What is proved of a controller for a workspace: which errors of masses and springs its loop tolerates at rest.
 
 Everything is of pairs of a link and a motor: `flexhinf.modal.popov` has the inequality, docs/theorem.md the theorem.
 Without such a proof `flexhinf.modal.stability` says for which pairs the loop without errors is proved to be stable.
@@ -12,12 +12,21 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
-from flexhinf.design.workspace.masses import LargestMasses, StatedMasses, largest_masses, stated_masses
+from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses, stated_errors
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
-from flexhinf.modal.popov import SYMMETRIC, PopovTolerance, SampledPairs, Sector, popov_tolerance
+from flexhinf.modal.popov import (
+    EXACT,
+    NONE,
+    SYMMETRIC,
+    Errors,
+    PopovTolerance,
+    SampledPairs,
+    Sector,
+    popov_tolerance,
+)
 from flexhinf.modal.unstable import UnstableError, smallest_unstable
 from flexhinf.robot import Robot
 
@@ -26,11 +35,11 @@ REPORTED = 12
 
 
 class WorkspaceProof(NamedTuple):
-    """The errors of mass that are proved to be tolerated, and those that are found to destabilise."""
+    """The errors that are proved to be tolerated, and those of masses that are found to destabilise."""
 
     setup: WorkspaceSetup
-    stated: StatedMasses  # what the file's tolerances need
-    tolerance: PopovTolerance  # of symmetric errors, as computed
+    stated: StatedErrors  # what the file's tolerances need
+    tolerance: PopovTolerance  # what is tolerated beside errors of the kinds that are proved, as computed
     numbers: Numbers | None  # the certificate of pairs; None where no errors are proved to be tolerated
     checked: CheckedPairs | None  # what the checker says of it
     unstable: UnstableError  # the smallest error that is found to destabilise
@@ -44,14 +53,29 @@ class WorkspaceProof(NamedTuple):
 
     @property
     def is_stated(self) -> bool:
-        """Whether the masses and payloads of the file's tolerances are within what is proved."""
-        proved, sector = self.checked, self.stated.sector
-        return proved is not None and sector.lower <= proved.lower and sector.upper <= proved.upper
+        """Whether the masses, payloads and springs of the file's tolerances are within what is proved."""
+        return self.checked is not None and self.stated.errors.within(self.errors)
+
+    @property
+    def has_like_motors(self) -> bool:
+        """Whether the torque K/J of a motor per twist is the same for all, so that nothing makes them alike."""
+        joints = self.setup.law.joints
+        ratio = joints.stiffness / joints.motor_inertia
+        return bool(np.ptp(ratio) <= 1e-9 * ratio.max())
+
+    @property
+    def errors(self) -> Errors:
+        """What is proved to be tolerated; nothing where no error is."""
+        proved = self.checked
+        if proved is None:
+            return NONE
+        return Errors(Sector(proved.lower, proved.upper), Sector(proved.softer, proved.stiffer))
 
     @property
     def covers_file(self) -> bool:
-        """Whether the proof is of all that the file states of masses; of something, where it states nothing."""
-        return self.is_stated if max(self.stated.sector) else self.is_proved
+        """Whether the proof is of all that the file states of masses and springs; of something, where it states
+        nothing."""
+        return self.is_stated if self.stated.errors.largest else self.is_proved
 
 
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
@@ -79,24 +103,30 @@ def prove_workspace(
     progress: Callable[[str], None] = lambda text: None,
     loaded: Robot | None = None,
 ) -> WorkspaceProof:
-    """The proof of symmetric errors of masses; where these do not hold the file's, of errors in its proportion.
+    """The proof of symmetric errors of masses, beside the file's errors of springs; where these do not hold the file's,
+    of masses in its proportion; where nothing is proved, of a share of all that the file states, and of masses alone.
 
     `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
     """
-    pairs, stated = sampled_pairs(setup), stated_masses(setup)
-    tolerance, numbers = largest_certificate(pairs, SYMMETRIC, progress)
+    pairs, stated = sampled_pairs(setup), stated_errors(setup)
     progress("smallest error that destabilises")
     unstable = smallest_unstable(pairs, mixed=len(setup.joints) > 1)
-    checked = _checked(numbers)
-    proof = WorkspaceProof(setup, stated, tolerance, numbers, checked, unstable, proved_stability(setup))
-    if not proof.is_stated and min(stated.sector) < max(stated.sector):
-        _, numbers = largest_certificate(pairs, stated.sector, progress)
-        second = proof._replace(numbers=numbers, checked=_checked(numbers))
-        proof = second if second.is_stated else proof
+    stable = proved_stability(setup)
+
+    def proof_of(shape: Errors, fixed: Errors) -> WorkspaceProof:
+        tolerance, numbers = largest_certificate(pairs, shape, progress, fixed)
+        return WorkspaceProof(setup, stated, tolerance, numbers, _checked(numbers), unstable, stable)
+
+    masses, springs = Errors(stated.errors.masses), Errors(EXACT, stated.errors.springs)
+    proof = proof_of(SYMMETRIC, springs)
+    if not proof.is_stated and min(masses.masses) < max(masses.masses):
+        second = proof_of(masses, springs)
+        proof = second if second.is_stated or proof.checked is None else proof
+    for shape in (stated.errors, SYMMETRIC) if springs.largest else ():
+        proof = proof if proof.checked is not None else proof_of(shape, NONE)
     if proof.checked is None:
         return proof
-    sector = Sector(proof.checked.lower, proof.checked.upper)
-    return proof._replace(largest=largest_masses(setup, sector, loaded or setup.true.robot))
+    return proof._replace(largest=largest_masses(setup, proof.errors.masses, loaded or setup.true.robot))
 
 
 def _checked(numbers: Numbers | None) -> CheckedPairs | None:

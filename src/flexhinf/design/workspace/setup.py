@@ -13,7 +13,7 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.baselines.posed_laws import PosedLaw
 from flexhinf.copies import shared_out
-from flexhinf.design.loop_setup import SMOOTH_EXTRAS, LoopPlants
+from flexhinf.design.loop_setup import SMOOTH_EXTRAS, SWING_NOISE, LoopPlants
 from flexhinf.design.noise_levels import RADIAN, EstimatorNoise
 from flexhinf.design.plans import (
     BEYOND,
@@ -63,8 +63,8 @@ ROUNDING, ACCELERATION = 1e-6, 50.0
 HOLD, ON_THE_WAY = 0.7, 21
 
 #: A joint may be beside its command by what it moves at its speed limit in this time, s, and at least so far, rad; a
-#: joint that hunts swings by so much, rad, or so many standard deviations of its noise, peak to peak.
-FOLLOWING_TIME, FOLLOWING, POSITION_SWING, SWING_NOISE = 0.1, 0.1, 2e-3, 14.0
+#: joint that hunts swings by so much, rad, or `SWING_NOISE` standard deviations of its noise, peak to peak.
+FOLLOWING_TIME, FOLLOWING, POSITION_SWING = 0.1, 0.1, 2e-3
 
 #: A joint that is farther from its command than it moves in this time, s, at its speed limit, and at least so far, rad,
 #: is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
@@ -222,7 +222,7 @@ class WorkspaceSetup(LoopPlants):
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
-        spline swings beyond its points), limit cycles by a tenth of `authority` or by `position_swing`, saturation, and
+        spline swings beyond its points), limit cycles by `input_swing` or by `position_swing`, saturation, and
         following errors. It brakes along the path where a command leaves the box, an input is at its limit for long, a
         joint is far from its command, or something blocks it."""
         space = self.workspace
@@ -233,11 +233,17 @@ class WorkspaceSetup(LoopPlants):
         watched += [] if self.resistance is None else ["blocked"]
         return Supervision(
             box,
-            swing=0.2 * self.authority,
+            swing=self.input_swing,
             reactions=dict.fromkeys(watched, "brake"),
             position_swing=self.position_swing,
             following=self.following,
         )
+
+    @cached_property
+    def input_swing(self) -> np.ndarray:
+        """Smallest swing of an input (n,) that counts, peak to peak: a fifth of `authority`, or above its noise."""
+        noise = self.noise_spread(self.linear(np.asarray(self.workspace.home)))[0]
+        return np.maximum(0.2 * self.authority, SWING_NOISE * np.where(np.isfinite(noise), noise, 0.0))
 
     @property
     def following(self) -> np.ndarray:

@@ -109,7 +109,7 @@ class LogRecord:
     @staticmethod
     def of(log: Log, robot: Robot | None) -> LogRecord:
         """Of a log as it is."""
-        channels = []
+        channels: list[LoggedSignal] = []
         for kind, table in (("input", log.inputs), ("output", log.outputs)):
             names = log.names.get(kind) or tuple(f"{kind} {k + 1}" for k in range(table.shape[1]))
             for name, values in zip(names, table.T):

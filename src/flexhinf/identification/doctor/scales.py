@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.identification.doctor.finding import LogFinding
 from flexhinf.identification.doctor.record import LoggedSignal, LogRecord
 from flexhinf.identification.doctor.times import UNIT
@@ -105,7 +106,7 @@ def _counted(channel: LoggedSignal, fast: float) -> tuple[float, float] | None:
 
 def inputs(record: LogRecord) -> Iterator[LogFinding]:
     """Inputs beyond what the drive can."""
-    limits = [] if record.robot is None else record.robot.effort_limits or ()
+    limits = (record.robot.effort_limits or ()) if record.robot is not None else ()
     for channel, limit in zip(record.inputs, limits):
         most = float(np.abs(channel.values).max(initial=0.0))
         if limit is not None and np.isfinite(limit) and most > OVER * limit:
@@ -186,7 +187,7 @@ def _slope(record: LogRecord, motor: LoggedSignal, link: LoggedSignal) -> float 
     width = max(1, int(np.ceil(slow / record.period)))
     if count < 6 * width:
         return None
-    tables = []
+    tables: list[Vector] = []
     for channel in (motor, link):
         if len(channel.rows) < 4:
             return None
@@ -216,11 +217,11 @@ def speeds(record: LogRecord) -> Iterator[LogFinding]:
         drift = np.column_stack([np.ones(len(times)), times])
         both = np.column_stack([moved, travelled])
         both = both - drift @ np.linalg.lstsq(drift, both, rcond=None)[0]
-        sizes = np.sqrt((both**2).sum(axis=0))
+        sizes: Vector = np.sqrt((both**2).sum(axis=0))
         if np.ptp(both[:, 0]) <= CLEAR * position.step or not (sizes > 0.0).all():
             continue
         correlation = float(both[:, 0] @ both[:, 1]) / float(np.prod(sizes))
-        slope = np.sign(correlation) * sizes[1] / sizes[0]
+        slope = (1.0 if correlation > 0.0 else -1.0) * float(sizes[1] / sizes[0])
         if abs(correlation) < RELATED or 1.0 / RATIO < slope < RATIO:
             continue
         unit = next((name for ratio, name in UNITS.items() if abs(abs(slope) / ratio - 1.0) < NEAR), "")

@@ -26,6 +26,9 @@ as near as p is large: it stays within g d of the joint, and
 So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. An
 obstacle does not move a joint. Where p does so, by `YIELDED` of the distance away from the command, it is a load, and
 the joint grips until p is small. Where nothing keeps it back, g is 1.
+
+A joint that is let go of may outrun the motion that it is shown, by what its integral holds. Such an integral is taken
+back within `TAKEN_BACK`.
 """
 
 from __future__ import annotations
@@ -53,6 +56,10 @@ RATE, PER_SAMPLE, OVER = 40.0, 0.2, 1e-3
 #: What resists a joint is heard with this time constant, s; times t in which a joint lets go and grips again, s; share
 #: of the resistance below which nothing keeps the joint, and of the distance by which a load moves it.
 HEARD, LET_GO, REGRIP, QUIET, YIELDED = 0.02, 0.03, 0.3, 0.5, 0.25
+
+#: Integrals that drive a joint faster than it is shown are taken back with this time constant, s: wholly where it is
+#: faster by the second of two shares of the largest speed, not at all below the first.
+TAKEN_BACK, FASTER, MUCH_FASTER = 0.01, 0.25, 0.75
 
 #: A number without a sign to speak of, whose root has a slope.
 TINY = 1e-18
@@ -276,7 +283,7 @@ def governed(
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
     those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
     was shown then, `hold` that of `resisted`, by default all of the distance."""
-    command, flags, lags = list(r), [], []
+    command, flags, lags, outrun = list(r), [], [], []
     shares = hold[0][0] if hold else [1.0] * len(places)
     joints = zip(places, positions(tracked, y, estimate), far, shares, *numbers)
     for row, seen, flag, share, distance, *own in joints:
@@ -301,7 +308,8 @@ def governed(
             command[each] = command[each] + shift
         flags.append(flag)
         lags.append(where(clipped > 0.0, lag, 0.0))
-    return np.array(command), np.array(flags), np.array(lags)
+        outrun.append(where(flag > 0.5, (estimate[turning] - command[turning]) / own[0], 0.0))
+    return np.array(command), np.array(flags), np.array([lags, outrun])
 
 
 def _followed(
@@ -331,3 +339,13 @@ def unwound(error: Any, integral: Any, lag: Any) -> Any:
     that are beyond what is shown of it."""
     rows = zip(error, integral, lag, strict=True)
     return np.array([where(e * i < 0.0, e + where(e * s > 0.0, s, 0.0), e) for e, i, s in rows])
+
+
+def braked(integral: Any, faster: Any, period: Any) -> Any:
+    """The integrals (k,) without what drives joints that are `faster` (k,) than is shown, in parts of the largest
+    speed."""
+    most = minimum(period[0] / TAKEN_BACK, 1.0)
+    return np.array([
+        i - where(i * v < 0.0, most * clip((absolute(v) - FASTER) / (MUCH_FASTER - FASTER), 0.0, 1.0) * i, 0.0)
+        for i, v in zip(integral, faster, strict=True)
+    ])  # fmt: skip

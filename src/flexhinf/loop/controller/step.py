@@ -34,7 +34,7 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
-from flexhinf.loop.controller.governor import brought_back, unwound
+from flexhinf.loop.controller.governor import braked, brought_back, unwound
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import (
     Source,
@@ -380,7 +380,8 @@ def _deviation(
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
     if governs:
-        error, others = unwound(error, integral, others[-1]), others[:-1]
+        (lag, faster), others = others[-1], others[:-1]
+        error, integral = unwound(error, integral, lag), braked(integral, faster, period)
     # What lies beyond the dead zone ±zone (k,), where there is one.
     for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)

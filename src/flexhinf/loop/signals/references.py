@@ -12,9 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
@@ -26,6 +27,13 @@ from flexhinf.validation import checked_positive, read_only, real_array, real_nu
 
 #: Shortest part of a motion with derivatives, s: those of fourth order grow with its fourth power, and stay finite.
 SHORTEST = 1e-9
+
+
+#: A reference or a disturbance: numbers, a function of time that gives them, or several of these, for one channel each,
+#: in order or by name; None where a default takes their place.
+SignalLike: TypeAlias = (
+    Callable[[float], ArrayLike] | ArrayLike | Sequence["SignalLike"] | Mapping[str, "SignalLike"] | None
+)
 
 
 class Signal(Protocol):

@@ -12,13 +12,17 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.signals.references import braked, signal_name
+from flexhinf.loop.signals.references import SignalLike, braked, signal_name
 from flexhinf.loop.simulation.ensemble import Ensemble, PreparedRun, signal_place, tracked_place
 from flexhinf.loop.simulation.inputs import (
+    RunOptions,
+    StateLike,
+    Stepped,
     by_name,
     check_ranges,
     check_turns,
@@ -32,33 +36,11 @@ from flexhinf.loop.simulation.inputs import (
     starting_state,
 )
 from flexhinf.loop.simulation.metrics import Command, Reduction, common_reduction, tracking_reductions
-from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
+from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, checked_sensors
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant import BlackBox, Plant, Sensor, SensorTable, python_control, rk4_step, sub_steps
+from flexhinf.plant import BlackBox, Plant, Sensor, python_control, rk4_step, sub_steps
 from flexhinf.validation import checked_kind, real_array, value_text
-
-
-def checked_sensors(sensors: Any, quantisation: Any, plant: Any, controller: Controller) -> SensorTable:
-    """The sensors of a loop; refused beside a quantisation, and where the controller needs every measurement."""
-    groups = plant.groups if controller.estimator is None else controller.estimator.plant.groups
-    table = SensorTable.of(
-        sensors, controller.measured, lambda name: tuple(groups.get(name, (name,))), controller.period
-    )
-    refuse_if(
-        quantisation is not None,
-        "The quantisation is stated twice.",
-        f"expected quantisation=None with sensors=(...), got {value_text(quantisation)}",
-        "fh.Sensor(name, quantisation=…)",
-    )
-    refuse_if(
-        controller.estimator is None and (table.delays.any() or (table.periods > 1).any()),
-        "A controller without an estimator needs every state at every sample.",
-        f"expected sensors without period and delay, got {table.periods.tolist()} and {table.delays.tolist()} samples",
-        "an estimator",
-    )
-    return table
-
 
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
@@ -136,7 +118,7 @@ class Loop(Summarised):
         true_plant: Plant | BlackBox,
         controller: Controller,
         sub_steps: int | None = None,
-        quantisation: Any = None,
+        quantisation: Numbers = None,
         delay: float = 0.0,
         sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
@@ -284,11 +266,11 @@ class Loop(Summarised):
 
     def run(
         self,
-        reference: Any = None,
-        disturbance: Any = None,
-        noise: Any = None,
+        reference: SignalLike = None,
+        disturbance: SignalLike = None,
+        noise: Numbers = None,
         duration: float = 8.0,
-        initial_state: Numbers = None,
+        initial_state: StateLike = None,
         seed: int = 0,
         initial_input: Numbers = None,
         *,
@@ -337,27 +319,29 @@ class Loop(Summarised):
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
         """
-        settings = {
-            "reference": reference, "disturbance": disturbance, "noise": noise, "duration": duration, "seed": seed,
+        options: RunOptions = {
+            "reference": reference, "disturbance": disturbance, "noise": noise, "duration": duration,
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
         if not isinstance(self.true_plant, Plant):
             refuse_if(
                 initial_memory is not None, "A black box takes no memory.", "got initial_memory", "a Plant"
             )
-            return self.run_paced(AT_ONCE, **settings)
-        settings["initial_memory"] = initial_memory
-        prepared = self.prepared(**settings)
+            return self.run_paced(AT_ONCE, **options, seed=seed)
+        prepared = self.prepared(**options, seed=seed, initial_memory=initial_memory)
         run = prepared.run()[0]
         if self._brakes and (at := self._braking(run, prepared.arrays, initial_input)) is not None:
-            run = self.prepared(**settings | {"reference": self._slower(reference, at)}).run()[0]
+            options["reference"] = self._slower(reference, at)
+            run = self.prepared(**options, seed=seed, initial_memory=initial_memory).run()[0]
         return run
 
     @property
     def _brakes(self) -> bool:
         return self.controller.mode.brakes and bool(self.controller.commanded)
 
-    def _braking(self, run: Trajectory, arrays: Mapping[str, np.ndarray], initial_input: Any) -> float | None:
+    def _braking(
+        self, run: Trajectory, arrays: Mapping[str, np.ndarray], initial_input: Numbers
+    ) -> float | None:
         """The time of the command, s, at which the controller of a run begins to brake, by its steps once more."""
         stepped = self.controller.fresh()
         stepped.reset(input=initial_input)
@@ -370,9 +354,9 @@ class Loop(Summarised):
         return None
 
     def run_paced(
-        self, pacing: Pacing, stepped: Any = None, reference: Any = None, disturbance: Any = None,
-        noise: Any = None, duration: float = 8.0, initial_state: Numbers = None, seed: int = 0,
-        initial_input: Numbers = None, *, multi_turn: bool = False,
+        self, pacing: Pacing, stepped: Stepped | None = None, reference: SignalLike = None,
+        disturbance: SignalLike = None, noise: Numbers = None, duration: float = 8.0,
+        initial_state: StateLike = None, seed: int = 0, initial_input: Numbers = None, *, multi_turn: bool = False,
     ) -> Trajectory:  # fmt: skip
         """As `run` on a black box (another plant is refused), with samples timed by `pacing`. `stepped` is a controller
         to step, as it is, instead of the loop's. A run that `pacing` ends stops before that sample."""
@@ -389,8 +373,8 @@ class Loop(Summarised):
         noise_samples = sample_noise(noise, seed, len(times), controller.measured)
         gaps, waiting = channel.gaps(len(times)), np.full(sum(channel.late), np.nan)
         if stepped is None:
-            stepped = controller.fresh()
-            stepped.reset(input=initial_input)
+            stepped = fresh = controller.fresh()
+            fresh.reset(input=initial_input)
         d = sample_signal(by_name(disturbance, box), times, tuple(box.disturbances), "disturbance")
         before, samples = controller.input_before(initial_input), len(times)
         names = {
@@ -455,24 +439,25 @@ class Loop(Summarised):
             return True
         return not (there.any() if state is None else np.isfinite(state).all())
 
-    def _slower(self, reference: Any, at: float) -> Any:
+    def _slower(self, reference: SignalLike, at: float) -> SignalLike:
         assert self.controller.supervision is not None
         return braked(reference, at, self.controller.supervision.braking_time)
 
-    def _completed(self, reference: Any) -> Any:
+    def _completed(self, reference: SignalLike) -> SignalLike:
         """A command that says all: elements without one stay at the operating point."""
         held = self.controller.operating_reference
-        if not isinstance(reference, Mapping):
-            return held if reference is None else reference
-        return {**dict(zip(self.controller.commanded, held.tolist())), **by_name(reference, self.true_plant)}
+        named = by_name(reference, self.true_plant)
+        if not isinstance(named, Mapping):
+            return held if named is None else named
+        return {**dict(zip(self.controller.commanded, held.tolist())), **named}
 
     def prepared(
         self,
-        reference: Any = None,
-        disturbance: Any = None,
-        noise: Any = None,
+        reference: SignalLike = None,
+        disturbance: SignalLike = None,
+        noise: Numbers = None,
         duration: float = 8.0,
-        initial_state: Numbers = None,
+        initial_state: StateLike = None,
         seed: int = 0,
         initial_input: Numbers = None,
         *,
@@ -494,18 +479,18 @@ class Loop(Summarised):
 
     def ensemble(
         self,
-        reference: Any = None,
-        disturbance: Any = None,
-        noise: Any = None,
+        reference: SignalLike = None,
+        disturbance: SignalLike = None,
+        noise: Numbers = None,
         duration: float = 8.0,
-        initial_state: Numbers = None,
+        initial_state: StateLike = None,
         initial_input: Numbers = None,
         *,
         multi_turn: bool = False,
         initial_memory: Numbers = None,
         reductions: Sequence[Reduction] = (),
         kept: Sequence[str] = (),
-        instants: Any = (),
+        instants: ArrayLike = (),
     ) -> Ensemble:
         """The same run for many plants at once (``.run(parameters, seeds)``), of which metrics are kept and, unless
         named, no signals.
@@ -576,7 +561,12 @@ class Loop(Summarised):
         )  # fmt: skip
 
     def _commanded(
-        self, reference: Any, disturbance: Any, noise: Any, duration: float, multi_turn: bool
+        self,
+        reference: SignalLike,
+        disturbance: SignalLike,
+        noise: Numbers,
+        duration: float,
+        multi_turn: bool,
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
         """Times (N,), the command (N, k), and the trajectory's settings; elements without a command stay at the
         operating point. A command that does not fit, or leaves the range of its state, is refused. A controller about a

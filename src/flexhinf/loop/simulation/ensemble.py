@@ -17,13 +17,16 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Numbers
 from flexhinf.codegen import Kernel, aligned, compile_program
 from flexhinf.codegen.noise import seed_key
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.inputs import (
+    PlantParameters,
     check_seed,
     operating_state,
     sample_disturbance,
@@ -185,12 +188,12 @@ class Ensemble:
 
     def run(
         self,
-        parameters: Any,
-        seeds: Any = 0,
-        initial_states: Any = None,
-        loads: Any = None,
+        parameters: PlantParameters,
+        seeds: ArrayLike = 0,
+        initial_states: Numbers = None,
+        loads: Numbers = None,
         *,
-        initial_inputs: Any = None,
+        initial_inputs: Numbers = None,
         threads: int | None = None,
         lanes: int | None = None,
     ) -> EnsembleResult:
@@ -247,12 +250,12 @@ class Ensemble:
 
     def trajectories(
         self,
-        parameters: Any,
-        seeds: Any = 0,
-        initial_states: Any = None,
-        loads: Any = None,
+        parameters: PlantParameters,
+        seeds: ArrayLike = 0,
+        initial_states: Numbers = None,
+        loads: Numbers = None,
         *,
-        initial_inputs: Any = None,
+        initial_inputs: Numbers = None,
     ) -> Iterator[Trajectory]:
         """The same runs with all signals, a few at a time, for metrics without a reduction; arguments as for `run`."""
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)

@@ -7,19 +7,80 @@ Noise is made by a counter-based generator, so that the noise of any sample, ste
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import NotRequired, Protocol, TypeAlias, TypedDict, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.motions import JerkLimited, Spline
-from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
+from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, SignalLike, Sine, Step
 from flexhinf.loop.simulation.program import BLOCK, noise_kernel
 from flexhinf.loop.simulation.trajectory import STARTED
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import checked_positive, one_of, real_array, real_number, value_text
+
+#: A state: one value per state in order, or some by name; None where a default takes their place.
+StateLike: TypeAlias = Numbers | Mapping[str, float]
+
+
+class RunOptions(TypedDict, total=False):
+    """Arguments of `flexhinf.Loop.run` by name, those that are stated."""
+
+    reference: SignalLike
+    disturbance: SignalLike
+    noise: Numbers
+    duration: float
+    initial_state: StateLike
+    initial_input: Numbers
+    multi_turn: bool
+
+
+class SampleOptions(RunOptions, total=False):
+    """The same of a `Plant` alone, whose controller may have a memory."""
+
+    initial_memory: Numbers
+
+
+class Stepped(Protocol):
+    """What a run on a black box steps: a `Controller`, or one whose steps are timed."""
+
+    def step(self, y: Vector, reference: Vector | None, /) -> Vector:
+        """The input (m,) for a measurement and a command."""
+        ...
+
+    @property
+    def estimate(self) -> Vector:
+        """That of the last step."""
+        ...
+
+    @property
+    def path_rate(self) -> float:
+        """How fast the command goes on along its path."""
+        ...
+
+    @property
+    def doubtful_samples(self) -> int:
+        """Samples at which the estimate was in doubt."""
+        ...
+
+
+#: Parameters of N plants: an array (N, P), N mappings by name, or a mapping of arrays (N, …) by name.
+PlantParameters: TypeAlias = ArrayLike | Sequence[Mapping[str, ArrayLike]] | Mapping[str, ArrayLike]
+
+
+class EnsembleArguments(TypedDict):
+    """Arguments of `flexhinf.loop.Ensemble.run` by name, of N plants."""
+
+    parameters: PlantParameters
+    seeds: ArrayLike
+    initial_states: Numbers
+    loads: Numbers
+    initial_inputs: NotRequired[Numbers]
+
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
@@ -31,7 +92,7 @@ FULL_TURN = 2.0 * np.pi * (1.0 + 1e-9)
 WRITTEN = (Constant, JerkLimited, Quintic, Sine, Step)
 
 
-def sample_count(duration: Any, period: float) -> int:
+def sample_count(duration: float, period: float) -> int:
     """Number of samples of a run at 0, period, …, duration; a duration, s, that is not positive, shorter than a period,
     or longer than `MOST_SAMPLES` samples is refused."""
     seconds = checked_positive("The duration of a run", duration, "seconds", "8.0")
@@ -51,7 +112,7 @@ def sample_count(duration: Any, period: float) -> int:
     return round(samples)
 
 
-def starting_state(initial: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
+def starting_state(initial: StateLike, states: Sequence[str], controller: Controller) -> np.ndarray:
     """Initial state (n,) of a plant with these states.
 
     An array has one value per state of the plant, or per state of the plant that the law was designed for (the others
@@ -159,7 +220,7 @@ def check_ranges(
             )
 
 
-def is_written(argument: Any, depth: int = 4) -> bool:
+def is_written(argument: object, depth: int = 4) -> bool:
     """Whether an argument's text says all of it: numbers, signals of `WRITTEN` with plain numbers, also in lists and
     mappings, at most `depth` in one another. The digits of an array are not all in its text."""
     kind = type(argument)
@@ -168,11 +229,14 @@ def is_written(argument: Any, depth: int = 4) -> bool:
     parts = {**vars(argument)} if kind in WRITTEN else argument
     if not depth or type(parts) not in (dict, list, tuple):
         return False
-    several = [*parts, *parts.values()] if isinstance(parts, dict) else parts
+    entries = cast("Mapping[object, object] | Sequence[object]", parts)
+    several = [*entries, *entries.values()] if isinstance(entries, Mapping) else entries
     return all(is_written(part, depth - 1) for part in several)
 
 
-def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
+def check_turns(
+    reference: SignalLike, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]
+) -> None:
     """Refuse commands (N, k) beyond 2π rad that are written as a number: these are degrees more often than turns.
 
     Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
@@ -205,7 +269,7 @@ LATER = 1.0 + 4.0 * np.finfo(float).eps
 MOST_NUMBERS = 200_000_000
 
 
-def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
+def by_name(signal: SignalLike, plant: Plant | BlackBox) -> SignalLike:
     """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
     if not isinstance(signal, Mapping):
         return signal
@@ -214,7 +278,7 @@ def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
 
 
 def sample_signal(
-    signal: Any, times: np.ndarray, channels: Sequence[str], what: str, depth: int = 3
+    signal: SignalLike, times: np.ndarray, channels: Sequence[str], what: str, depth: int = 3
 ) -> np.ndarray:
     """Values (N, channels) of a command or disturbance at times (N,), s.
 
@@ -267,7 +331,12 @@ def sample_signal(
 
 
 def sample_disturbance(
-    signal: Any, period: float, samples: int, parts: int, channels: Sequence[str], room: int | None = None
+    signal: SignalLike,
+    period: float,
+    samples: int,
+    parts: int,
+    channels: Sequence[str],
+    room: int | None = None,
 ) -> np.ndarray:
     """Values at the start, middle and end of every sub-step, (samples, room, 3, channels); zero beyond the last one.
 
@@ -298,7 +367,9 @@ def sample_disturbance(
     return disturbance
 
 
-def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
+def sample_noise(
+    noise: Numbers, seed: int, samples: int, channels: Sequence[str], sample: int = 0
+) -> np.ndarray:
     """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each; `sample` is the
     plant of a campaign, below 2³²; see `flexhinf.codegen.noise`.
 
@@ -323,7 +394,7 @@ def white_noise(deviation: np.ndarray, seed: int, samples: int, sample: int = 0)
     return numbers.reshape(blocks, width, BLOCK).transpose(0, 2, 1).reshape(-1, width)[:samples]
 
 
-def check_seed(seed: Any) -> None:
+def check_seed(seed: object) -> None:
     """Refuse a seed that is no integer in 0 … 2⁶⁴ − 1."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
         raise InvalidInput(
@@ -331,7 +402,7 @@ def check_seed(seed: Any) -> None:
         )
 
 
-def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
+def checked_deviation(noise: ArrayLike, channels: Sequence[str]) -> np.ndarray:
     """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
     refused."""
     deviation = real_array(noise)

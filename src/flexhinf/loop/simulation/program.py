@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, cast
 import casadi as ca
 import numpy as np
 
+from flexhinf.arrays import Numbers
 from flexhinf.codegen import (
     Buffer,
     Call,
@@ -30,7 +31,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.measured import by_flag, within
 from flexhinf.loop.simulation.metrics import Instant, Reduction
-from flexhinf.plant import Plant, SensorTable, chosen, known, rk4_step
+from flexhinf.plant import BlackBox, Plant, Sensor, SensorTable, chosen, known, rk4_step
 from flexhinf.scalars import drop_empty, maximum, trace
 from flexhinf.scalars.trace import instructions
 from flexhinf.validation import real_array, real_number, value_text
@@ -106,7 +107,7 @@ class Channel:
             late=late if any(late) else (),
         )
 
-    def noise(self, stated: Any) -> Any:
+    def noise(self, stated: Numbers) -> Numbers:
         """The deviations of a run's noise: as stated, or those of the sensors, None without either."""
         return self.deviations if stated is None and any(self.deviations) else stated
 
@@ -136,6 +137,29 @@ class Channel:
         """Measurements (p,) rounded to their steps, on any element."""
         rounded = [q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)]
         return np.array(rounded) if self.quanta else y
+
+
+def checked_sensors(
+    sensors: Sequence[Sensor] | Sensor, quantisation: Numbers, plant: Plant | BlackBox, controller: Controller
+) -> SensorTable:
+    """The sensors of a loop; refused beside a quantisation, and where the controller needs every measurement."""
+    groups = plant.groups if controller.estimator is None else controller.estimator.plant.groups
+    table = SensorTable.of(
+        sensors, controller.measured, lambda name: tuple(groups.get(name, (name,))), controller.period
+    )
+    refuse_if(
+        quantisation is not None,
+        "The quantisation is stated twice.",
+        f"expected quantisation=None with sensors=(...), got {value_text(quantisation)}",
+        "fh.Sensor(name, quantisation=…)",
+    )
+    refuse_if(
+        controller.estimator is None and (table.delays.any() or (table.periods > 1).any()),
+        "A controller without an estimator needs every state at every sample.",
+        f"expected sensors without period and delay, got {table.periods.tolist()} and {table.delays.tolist()} samples",
+        "an estimator",
+    )
+    return table
 
 
 #: Nothing in between.

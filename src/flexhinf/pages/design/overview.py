@@ -47,6 +47,9 @@ HEIGHT = 4.3
 #: Width and height of the panel in the picture of the arm, inches, beside names and numbers.
 PANEL = (5.0, 3.1)
 
+#: Length of the axis of time beside that of the worst move, where other moves take longer.
+SEEN_MOVES = 3.0
+
 #: Joints whose sampled robots are drawn, those that move most; lines of more hide each other.
 BANDS = 3
 
@@ -180,13 +183,17 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
     label(upper, "link position", units.angle)
     label(lower, "largest error", small)
     lower.set_ylim(bottom=0.0)
+    ends = [float(move.response.run.time[-1]) for move in moves]
+    length = SEEN_MOVES * ends[worst]  # a longer move would leave the worst one a sliver of the picture
+    upper.set_xlim(0.0, min(length, max(ends)))
+    longer = sum(end > length for end in ends)
     for axes in (upper, lower):
         legend(axes)
     block = figure_block(
         "result",
         figure,
         "Above: links in the move with the largest remaining error; dotted: its plan. Below: the largest error of any "
-        "link in that move and in all others.",
+        f"link in that move and in all others{f', of which {longer} take longer than is drawn' * (longer > 0)}.",
         "The worst move",
     )
     arm = arm_picture(robot, moves[worst].response, "The arm in that move. ")

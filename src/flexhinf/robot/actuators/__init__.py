@@ -86,6 +86,12 @@ def gear_name(text: object) -> str:
     return text.strip().upper() if isinstance(text, str) else ""
 
 
+def similar_gears(name: str) -> list[str]:
+    """Published gears of the same series and size."""
+    series, _, size = name.partition("-")
+    return [other for other in published_gears() if other.startswith(f"{series}-{size.partition('-')[0]}-")]
+
+
 def published_of(row: Mapping[str, Any]) -> list[PublishedJoint]:
     """What is published of a joint of a robot file, by the names of its actuator and of its gear."""
     known = (

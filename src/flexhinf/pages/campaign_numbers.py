@@ -1,0 +1,90 @@
+"""Numbers of campaigns as pages and terminals show them: names of metrics, and the units of the design's pages."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexhinf.campaign import CampaignJudgement, Interval, Requirement
+from flexhinf.report import number
+
+#: Labels of metrics in sentences; others are written with spaces.
+METRIC_LABELS = {
+    "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",
+    "tracking_rmse": "RMS tracking error", "estimation_rmse": "RMS estimation error",
+    "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
+    "speed_limit_use": "use of the speed's limit", "tracking_error_use": "use of the tracking error's limit",
+    "tracking_error": "tracking error", "final_error_use": "use of the limit after the move",
+    "final_error": "distance after the move", "remaining_error_use": "use of the remaining error's limit",
+    "path_distance_use": "use of the limit beside the path", "path_distance": "distance from the path",
+    "wrong_way_percent_use": "use of the limit of motion the wrong way", "wrong_way_percent": "motion the wrong way",
+    "ripple_percent_use": "use of the ripple's limit", "ripple_percent": "ripple of the motors",
+    "time_at_limit_s_use": "use of the time at an input's limit", "time_at_limit_s": "time at an input's limit",
+    "range_use": "distance beyond a joint's range", "input_rate_use": "use of the largest rate of an input",
+    "input_acceleration_use": "use of the largest acceleration of an input",
+}  # fmt: skip
+
+#: Angles, rad, and distances, m, below this are shown in mrad and mm.
+SMALL = 0.1
+
+#: Units of angles and their rates in degrees.
+DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s²": "°/s²"}
+
+#: Time limits beyond this are no limits: the run only has to get there.
+NO_LIMIT = 1e8
+
+
+def metric_text(metric: str, unit: str = "") -> str:
+    """Name of a metric in a sentence, with its unit in parentheses, and of a joint's metric with the joint."""
+    whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
+    text = METRIC_LABELS.get(whole, "") + metric.removeprefix(whole).replace("_", " ")
+    return f"{text} ({unit})" if unit else text
+
+
+def percent_text(fraction: float) -> str:
+    """A fraction in per cent, with enough digits to distinguish it from 0 and 100 %."""
+    if 0.0 < fraction < 0.01:
+        return f"{number(100 * fraction, 2)} %"
+    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if 0.5 < fraction < 1.0 else 1
+    return f"{100 * fraction:.{0 if fraction in (0.0, 1.0) else digits}f} %"
+
+
+def interval_text(interval: Interval) -> str:
+    """A confidence interval of a fraction, in per cent."""
+    return f"{percent_text(interval.low)} to {percent_text(interval.high)}"
+
+
+def in_degrees(judged: CampaignJudgement) -> bool:
+    """Whether the pages of the design, and so those of its campaign, show angles in degrees."""
+    units = map(judged.table.unit, judged.table.names("trace"))
+    return judged.table.journal.settings.get("design angle_unit") == "deg" and "m" not in units
+
+
+def display_scale(unit: str, degrees: bool) -> tuple[float, str]:
+    """Factor and unit in which numbers of a unit are shown: angles and their rates in `degrees` if stated."""
+    return (math.degrees(1.0), DEGREES[unit]) if degrees and unit in DEGREES else (1.0, unit)
+
+
+def value_text(value: float, unit: str, degrees: bool = False) -> str:
+    """A number with its unit; infinity is a time that is never reached."""
+    value, unit = readable(value, unit, degrees)
+    space = "" if unit == "°" else " "
+    return "never" if np.isinf(value) else f"{number(value, 3)}{space}{unit}".strip()
+
+
+def readable(value: float, unit: str, degrees: bool = False) -> tuple[float, str]:
+    """A value and its unit as pages of designs have them: in `degrees`, or small angles in mrad; small distances in
+    mm."""
+    scale, unit = display_scale(unit, degrees)
+    value *= scale
+    return (1e3 * value, f"m{unit}") if unit in ("rad", "m") and 0.0 < abs(value) < SMALL else (value, unit)
+
+
+def limit_text(requirement: Requirement, unit: str, degrees: bool = False) -> str:
+    """The limit of a requirement, for example ``at most 5 %``."""
+    return (
+        "within the run"
+        if requirement.at_most and requirement.limit >= NO_LIMIT
+        else f"at {'most' if requirement.at_most else 'least'} {value_text(requirement.limit, unit, degrees)}"
+    )
