@@ -153,7 +153,7 @@ def verdict(row: Range | None, numbers: np.ndarray, value: float, design: float)
 
 
 #: Where joints rest, as shares of a radian, one pose after the other; then all of them are far away.
-POSES = (0.3, -0.5, 0.78)
+POSES = (0.3, -0.5, 0.78, 2.34)
 
 
 def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:

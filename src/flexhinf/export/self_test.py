@@ -216,11 +216,10 @@ def _replaced(run: Recording, initial: np.ndarray) -> dict[str, object]:
 
 
 def _shares(run: Recording) -> np.ndarray:
-    """Factors (s,) with which all that is remembered is added up: other ones for each number, over its largest value; 0
-    of what is never finite or always zero."""
+    """Factors (s,) with which all that is remembered is added up, others for each number, over its largest value."""
     largest = np.abs(np.where(np.isfinite(run.memory_rows), run.memory_rows, 0.0)).max(axis=0)
     turns = 0.5 + np.remainder(GOLDEN * np.arange(run.memory_rows.shape[1], dtype=float), 1.0)
-    return np.where(largest > 0.0, turns / np.where(largest > 0.0, largest, 1.0), 0.0)
+    return turns / np.where(largest > 0.0, largest, 1.0)
 
 
 def _unseen(run: Recording) -> np.ndarray:
