@@ -138,6 +138,11 @@ static void arm_sum(const real *data)
 static real arm_sin(real x)
 {
     return (m > 0.5 && m < 2.5) ? -cv : cv;
+}
+
+static void arm_seen(const real *seen)
+{
+    const bool c1 = 0.5 < seen[2];
 }""".splitlines()
 
     def is_none(number: int, kind: str, old: str, new: str) -> bool:
@@ -152,3 +157,5 @@ static real arm_sin(real x)
     assert is_none(12, "number", "27", "28")
     assert is_none(17, "number", "0.5", "0.625")
     assert not is_none(17, "number", "0.5", "1.5")
+    assert is_none(22, "number", "0.5", "0.625")
+    assert not is_none(22, "number", "2", "3")

@@ -413,12 +413,16 @@ def _script(
     for k in range(len(first) if c.gaps and len(first) > 1 else 0):
         act(0.0, 0.0, 1, 2)
         y[-1][k] = np.nan  # one sensor gave nothing
-    for k in range(len(first) if c.mode.checks_measurements else 0):
+    sensors = list(np.eye(len(first))) if c.mode.checks_measurements else []
+    for which in [
+        *sensors,
+        *([np.ones(len(first))] if len(sensors) > 1 else []),
+    ]:  # one after the other, and all
         for beyond in (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55):
             act(
                 0.0, 0.0, 1, 1
             )  # out of its range; and within it, from the other side too fast, then for some sensors
-            y[-1][k] += beyond * BELIEVED * size
+            y[-1] += beyond * BELIEVED * size * which
         act(0.0, 0.0, 1, 2)
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))

@@ -19,7 +19,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import MISSING, Recording, memory_hash
+from flexhinf.export.recording import MISSING, Recording, history_of, memory_hash
 from flexhinf.export.rendering import render_c
 from flexhinf.loop import Status
 
@@ -159,6 +159,10 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         ],
         "exact": exact,
         "hashes": exact and allowed.inputs[0] == 0.0,
+        "adds": exact and (allowed.inputs[0] > 0.0 or run.provocation is not None),
+        "shares_at_start": None
+        if run.provocation is None
+        else _shares(run) @ history_of(run.provocation.begun(code.controller)).memory,
         "sums": exact and allowed.inputs[0] > 0.0,
         "shares": _shares(run),
         "part_of_row": [
