@@ -89,7 +89,7 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
     # A single mode leaves exp(−2π·3·ζ/√(1 − ζ²)) after three periods; others beside it a little more or less.
     left = np.exp(-6.0 * np.pi * runs.damping / np.sqrt(1.0 - runs.damping**2))
     assert 0.3 * left < row["left"] < 3.0 * left
-    figure, table = with_figures(ring_down(as_design(setup, runs)))
+    [[figure, table]] = with_figures(ring_down(as_design(setup, runs)))
     assert f" {runs.damping:.2g}" in figure.caption
     assert len(table.rows) == 2
 

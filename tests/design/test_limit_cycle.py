@@ -168,7 +168,7 @@ def test_every_report_says_which_joint_oscillates(setup):
         evaluation=SimpleNamespace(setup=setup),
         robot=setup.robot,
     )
-    note, figure, table = with_figures(long_run(cast(PoseEvidence, design)))
+    [[note, figure, table]] = with_figures(long_run(cast(PoseEvidence, design)))
     assert unnamed(note.text, "shoulder", "`--set friction_model=yes`", "both sides") == []
     assert " ±1.2" in note.text
     design.specification = replace(setup.specification, measured=("link_position", "motor_position"))

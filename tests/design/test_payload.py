@@ -110,7 +110,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
             specification=setup.specification,
         ),
     )  # fmt: skip
-    note, *others = with_figures(runs.payload(design))
+    [[note, *others]] = with_figures(runs.payload(design))
     assert "nominal" in note.html()
     page = " ".join(block.html() for block in others)
     assert unnamed(page, "0 to 0.1 kg", "0.02 kg") == []

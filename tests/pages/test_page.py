@@ -102,7 +102,7 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     robot = SimpleNamespace(links=SimpleNamespace(limits=[(0.0, 3.0), None, (-1.0, 2.5)]))
     limited: Any = SimpleNamespace(robot=robot, goal=np.array([1.0, 5.0, 1.0]))
     assert widest_step(limited) == 1.5
-    text = "".join(block.html() for block in with_figures(region(design)))
+    text = "".join(block.html() for block in with_figures(region(design))[0])
     assert 'id="table-region"' in text
 
 

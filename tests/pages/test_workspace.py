@@ -231,6 +231,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
         assert made.status[0].kind == kind
         for text in (text_of(made.html()), " ".join(workspace_proof_ending(proof, UNKNOWN).text.split())):
             assert unnamed(text, *told) == []
+            assert ("unlike motors" in text) == (kind == "proved" and not proof.has_like_motors)
 
 
 def test_what_offsets_of_encoders_do_is_said(design, tolerated):

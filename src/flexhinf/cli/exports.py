@@ -98,7 +98,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     controller, robot, s = designed.controller, designed.robot, designed.specification
     name = o.name or _identifier(robot)
     _note_doubts(designed)
-    if o.check_measurements:
+    if o.check_measurements and controller.estimator is not None:  # true states are believed
         speeds = None if robot is None or s is None else joint_limits(robot, s).speed
         try:
             controller = export.with_measurement_limits(controller, robot, speeds)

@@ -446,7 +446,7 @@ class Tuner:
                     raise InvalidInput(
                         f"The law {kind.name!r} does not fit the robot {self.own.setup.robot.name!r}.",
                         f"expected one that can be made and run at the goal; {error.found}",
-                        error.advice,
+                        f"{error.advice}; or laws without {kind.name!r}",
                     ) from error
                 tuned[kind.name] = text
         # Laws that contain others last.
