@@ -80,6 +80,10 @@ BELIEVED = 4.0 * AWAY
 #: How far each number of a command is from that of rest, where it is a motion: no motion is zero, and no two are equal.
 ASTRAY = 1e-3
 
+#: How much more velocities are, so that dry friction and speeds are seen; how far joints may be brought back in
+#: either direction, as a share of what commands swing by.
+FAST, RANGE = 300.0, 0.4
+
 #: What measurements swing by at every row, and where something judges them.
 NOISE, QUIET = 2e-4, 1e-6
 
@@ -88,6 +92,9 @@ KICK, AT_END = 1e-3, 0.8
 
 #: Memories that are tried, the rows that each is followed by, and the seed of their numbers.
 KINDS, EACH, SEED = 6, 4, 1
+
+#: Kinds of them in which a covariance stays one.
+SEMIDEFINITE = (1, 2, 3)
 
 #: Numbers of a memory from which on only the first kinds are tried, and no singular covariances.
 LARGE = 200
@@ -136,7 +143,7 @@ def _with_memories(
 ) -> Provocation:
     """With rows in which the controller goes on from other memories; `exact`: whether rounding of the C is that of
     Python. Then some may end in no finite number, and the last ones are without noise."""
-    other = [(memory, EACH) for memory in _memories(controller)]
+    other = [(memory, EACH) for memory in _memories(controller, exact)]
     if not exact:
         return _tried(one, controller, held, other, False)
     with suppress(NumericalFailure):
@@ -150,7 +157,7 @@ def _with_memories(
     if not noise:
         return one
     quiet = replace(one, quiet=len(one.y), noise=tuple(noise))
-    still = _tried(quiet, controller, held, [(memory, 2) for memory in _memories(controller)], True)
+    still = _tried(quiet, controller, held, [(memory, 2) for memory in _memories(controller, True)], True)
     return still if len(still.y) > len(one.y) else one
 
 
@@ -211,9 +218,10 @@ def _tried(
     return one
 
 
-def _memories(controller: Controller) -> Iterator[np.ndarray]:
+def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
     """Memories whose covariances, or roots of them, have other structures: nothing is zero, rows of other sizes, rows
-    that vanish, all zero, and signs that change; then of a small memory columns that vanish, and more sizes."""
+    that vanish, all zero, and signs that change; then of a small memory columns that vanish, and more sizes. Where
+    rounding of the C is not `exact`, covariances stay semidefinite: in float it decides which others are refused."""
     first = controller.initial_memory()
     rng = np.random.default_rng(SEED)
     for kind in range(KINDS if first.size > LARGE else 3 * KINDS):
@@ -221,6 +229,8 @@ def _memories(controller: Controller) -> Iterator[np.ndarray]:
         belief = () if controller.estimator is None else controller.memory.named(memory).belief
         arrays: list[np.ndarray] = [np.asarray(part) for part in belief]
         parts = [part for part in arrays if part.ndim == 2 and part.any()]
+        if not exact and kind not in SEMIDEFINITE and any(np.array_equal(part, part.T) for part in parts):
+            continue
         for part in parts:
             n = len(part)
             if kind in (0, 4, 5) or kind >= 2 * KINDS:
@@ -330,6 +340,13 @@ def _other_numbers(
     for name in NARROWED_PARTS:
         if name in places:
             moved[places[name]] *= NARROWER  # infinite ones stay
+    if "governor" in places:
+        table = moved[places["governor"]].reshape(-1, len(controller.tracked))
+        table *= 1.0 + MOVED * np.cos(1.0 + np.arange(table.size).reshape(table.shape))
+        at = controller.operating_reference[_tracked(controller)]
+        table[3] = np.maximum(table[3], at - RANGE * size * AWAY)
+        table[4] = np.minimum(table[4], at + RANGE * size * AWAY)
+        moved[places["governor"]] = table.ravel()
     if "measurement_rate" in places:
         moved[places["measurement_lower"]] = first - BELIEVED * size
         moved[places["measurement_upper"]] = first + BELIEVED * size
@@ -375,7 +392,8 @@ def _script(
     c, watch = controller, controller.supervision
     command = np.array(c.operating_reference, dtype=float)
     positions = np.array(["position" in name for name in c.measured], dtype=float)
-    places = [c.states.index(name) for name in c.tracked] if c.mode.moving else list(range(command.size))
+    places = _tracked(c)
+    astray = ASTRAY * np.where(["velocity" in name for name in c.commanded], FAST, 1.0)
     judged = getattr(c.estimator, "gate", None) is not None
     swing, noise = (0.0, QUIET) if judged else (size * AWAY, size * NOISE)
     y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0, 0)
@@ -385,7 +403,7 @@ def _script(
             side = -away if rings and k % 2 else away
             y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))
             row = command.copy()
-            row += ASTRAY * size * np.cos(1.0 + np.arange(row.size)) * c.mode.moving
+            row += size * astray * np.cos(1.0 + np.arange(row.size) + k * (astray > ASTRAY)) * c.mode.moving
             row[places] += commanded
             r.append(row)
             repeats.append(times)
@@ -395,12 +413,16 @@ def _script(
     for k in range(len(first) if c.gaps and len(first) > 1 else 0):
         act(0.0, 0.0, 1, 2)
         y[-1][k] = np.nan  # one sensor gave nothing
-    for k in range(len(first) if c.mode.checks_measurements else 0):
+    sensors = list(np.eye(len(first))) if c.mode.checks_measurements else []
+    for which in [
+        *sensors,
+        *([np.ones(len(first))] if len(sensors) > 1 else []),
+    ]:  # one after the other, and all
         for beyond in (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55):
             act(
                 0.0, 0.0, 1, 1
             )  # out of its range; and within it, from the other side too fast, then for some sensors
-            y[-1][k] += beyond * BELIEVED * size
+            y[-1] += beyond * BELIEVED * size * which
         act(0.0, 0.0, 1, 2)
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))
@@ -411,9 +433,22 @@ def _script(
         act(0.0, 0.0, 3)
         act(0.0, _outside(c, places), 1)
         act(0.0, 0.0, 3)
+        box = np.reshape(c.data.named(numbers).workspace, (2, -1)) - command[places]
+        for k in range(
+            len(places) if np.isfinite(box).all() else 0
+        ):  # one after the other, within each end and beyond
+            for end, beyond in ((end, beyond) for end in box for beyond in (-0.5, 0.5)):
+                act(0.0, (end + beyond * ELSEWHERE * np.sign(end)) * (np.arange(len(places)) == k), 1, 2)
+        act(0.0, 0.0, 3)
         act(-swing, size * AWAY, lasting)  # far from the command too
         act(0.0, 0.0, 5)
     return np.array(y), np.array(r), repeats, pushed
+
+
+def _tracked(controller: Controller) -> list[int]:
+    """Places of the tracked positions in a command."""
+    c = controller
+    return [c.states.index(name) for name in c.tracked] if c.mode.moving else list(range(len(c.commanded)))
 
 
 def _outside(controller: Controller, places: list[int]) -> np.ndarray:

@@ -132,10 +132,16 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
 
 def _beyond_ends(row: Range) -> list[float]:
     """Numbers on either side of each end of a range, which are not equal to it in float either."""
-    ends = [
-        end for end in {row.least, row.most, row.low, row.high} if math.isfinite(end) and abs(end) > 1e-30
-    ]
-    return sorted(end + side * CHANGE * abs(end) for end in ends for side in (-1.0, 1.0))
+    ends = {end for end in (row.least, row.most, row.low, row.high) if math.isfinite(end)}
+    sizes = [abs(end) for end in ends if abs(end) > 1e-30]
+    zero = min(sizes, default=1.0)  # of an end at 0, or at the smallest number
+    return sorted(
+        {
+            end + side * CHANGE * (abs(end) if abs(end) > 1e-30 else zero)
+            for end in ends
+            for side in (-1.0, 1.0)
+        }
+    )
 
 
 def _some(places: Sequence[int], most: int) -> list[int]:
@@ -153,7 +159,7 @@ def verdict(row: Range | None, numbers: np.ndarray, value: float, design: float)
 
 
 #: Where joints rest, as shares of a radian, one pose after the other; then all of them are far away.
-POSES = (0.3, -0.5, 0.78)
+POSES = (0.3, -0.5, 0.78, 2.34)
 
 
 def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -19,7 +19,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import MISSING, Recording, memory_hash
+from flexhinf.export.recording import MISSING, Recording, history_of, memory_hash
 from flexhinf.export.rendering import render_c
 from flexhinf.loop import Status
 
@@ -159,6 +159,10 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         ],
         "exact": exact,
         "hashes": exact and allowed.inputs[0] == 0.0,
+        "adds": exact and (allowed.inputs[0] > 0.0 or run.provocation is not None),
+        "shares_at_start": None
+        if run.provocation is None
+        else _shares(run) @ history_of(run.provocation.begun(code.controller)).memory,
         "sums": exact and allowed.inputs[0] > 0.0,
         "shares": _shares(run),
         "part_of_row": [
@@ -216,11 +220,10 @@ def _replaced(run: Recording, initial: np.ndarray) -> dict[str, object]:
 
 
 def _shares(run: Recording) -> np.ndarray:
-    """Factors (s,) with which all that is remembered is added up: other ones for each number, over its largest value; 0
-    of what is never finite or always zero."""
+    """Factors (s,) with which all that is remembered is added up, others for each number, over its largest value."""
     largest = np.abs(np.where(np.isfinite(run.memory_rows), run.memory_rows, 0.0)).max(axis=0)
     turns = 0.5 + np.remainder(GOLDEN * np.arange(run.memory_rows.shape[1], dtype=float), 1.0)
-    return np.where(largest > 0.0, turns / np.where(largest > 0.0, largest, 1.0), 0.0)
+    return turns / np.where(largest > 0.0, largest, 1.0)
 
 
 def _unseen(run: Recording) -> np.ndarray:

@@ -138,6 +138,11 @@ static void starts(void)
         expect(@{name}_start(&state, &param, estimate, acting) == bad, "BAD_START for a start that is not finite");
         expect(step() == ((bad == @{NAME}_OK) ? @{NAME}_OK : @{NAME}_NOT_INITIALISED), "NOT_INITIALISED after BAD_START");
     }
+    for (int i = 0; i < @{NAME}_STATES && STARTS_ANYWHERE; ++i) {
+        @{name}_real estimate[@{NAME}_STATES] = {0};
+        estimate[i] = (i % 2 == 0) ? (@{name}_real)NAN : (@{name}_real)HUGE_VAL;
+        expect(@{name}_start(&state, &param, estimate, NULL) == @{NAME}_BAD_START, "BAD_START for each number");
+    }
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
     expect(step() == @{NAME}_OK, "OK after a start");
     state.missing = 3;
@@ -221,6 +226,8 @@ static void samples(void)
             expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND, and the last output held");
         }
         for (int k = 2; k < param.missing_limit; ++k) {
+            give();
+            input.r[(k - 2) % @{NAME}_COMMANDS] = (k % 2 == 0) ? (@{name}_real)NAN : (@{name}_real)HUGE_VAL;
             expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND again");
         }
         expect(holds((param.missing_limit > 0) ? @{NAME}_STOPPED : @{NAME}_BAD_COMMAND), "too many bad commands");
@@ -483,6 +490,7 @@ static void goes_back(void)
         int same = 1;
         expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
         give();
+        state.began_again = (soon != 0) ? 0 : 1; /* until there is another memory to go back to */
         for (int j = 0; j < ((soon != 0) ? 2 : 3 * @{spacing}); ++j) {
             input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (j % 7));
             (void)step();
@@ -501,6 +509,7 @@ static void goes_back(void)
             before[brakes[i]] = (k < 2) ? parts[k] : before[brakes[i]];
         }
 {% endif %}
+        expect(state.began_again == 0, "no memory that was gone back to");
         if (PREDICTS) {
             expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK later");
             for (int i = 0; i < @{NAME}_MEMORY; ++i) {

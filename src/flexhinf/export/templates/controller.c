@@ -58,6 +58,7 @@ static const real initial_memory[@{NAME}_MEMORY] = {
 
 @{functions}
 {% if code.predicts %}
+{% if not plausible %}
 static int @{name}_some(const real *y)
 {
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
@@ -68,7 +69,7 @@ static int @{name}_some(const real *y)
     return 0;
 }
 
-{% if plausible %}
+{% else %}
 static int @{name}_believed(const @{name}_state *state, const @{name}_param *param, const real *y)
 {
     real some[1];
@@ -322,7 +323,7 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 {
     int in_time = 0;
     int code;
-    if (input->measured != 0 && input->age >= @{zero} && input->age <= param->oldest{% if code.predicts %} && @{name}_some(input->y) != 0{% endif %}) {
+    if (input->measured != 0 && input->age >= @{zero} && input->age <= param->oldest{% if code.predicts and not plausible %} && @{name}_some(input->y) != 0{% endif %}) {
         in_time = 1;
     }
     if (state->mark != INITIALISED) {

@@ -110,16 +110,18 @@ static const uint64_t expected_memory[RUNS][ROWS] = {{
 }};
 
 {% endif %}
-{% if sums %}
+{% if adds %}
 /* What must be remembered after each row, each number over its largest value, added up with factors. */
 static const @{name}_real share_of_memory[@{NAME}_MEMORY] = {
 @{numbers(shares)}
 };
+{% if sums %}
 static const @{name}_real expected_sum[RUNS][ROWS] = {{
 {% call(run) of_runs() %}
 @{numbers(run.sums)}
 {% endcall %}
 }};
+{% endif %}
 
 {% endif %}
 {% if provocation is not none %}
@@ -182,6 +184,17 @@ static @{name}_real larger(@{name}_real before, @{name}_real error)
     return (error >= before) ? error : 1e30@{f};
 }
 
+{% if adds %}
+static @{name}_real sum_of_memory(void)
+{
+    @{name}_real sum = 0;
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+        sum += share_of_memory[i] * state.memory[i];
+    }
+    return sum;
+}
+
+{% endif %}
 static void provoke(void)
 {
 {% if provocation is not none %}
@@ -189,6 +202,9 @@ static void provoke(void)
         param.value[i] = other_numbers[i];
     }
     expect(@{name}_start(&state, &param, @{"other_state" if provocation.state is not none else "NULL"}, other_input) == @{NAME}_OK);
+{% if exact %}
+    expect(fabs@{f}(sum_of_memory() - @{number(shares_at_start)}) <= @{number(1e-9)} * @{NAME}_MEMORY);
+{% endif %}
 {% endif %}
 }
 
@@ -262,17 +278,6 @@ static uint64_t hash_of(const @{name}_real *numbers, int count)
     return hash;
 }
 
-{% if sums %}
-static @{name}_real sum_of_memory(void)
-{
-    @{name}_real sum = 0;
-    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
-        sum += share_of_memory[i] * state.memory[i];
-    }
-    return sum;
-}
-
-{% endif %}
 static void compare(int row)
 {
     const int part = part_of[row];
