@@ -290,14 +290,14 @@ def growth_rates(
             np.tile(taken, (len(part), 1)), per_row, None if near is None else np.tile(near, (len(part), 1))
         )
 
-    first = [grown(part, None) for part in parts[:1]]
-    later = shared_out(
-        lambda part: grown(part, first[0].equilibrium[-count:]).rate, parts[1:], compiles=False
-    )
-    rows = zip(parts, [*(modes.rate for modes in first), *later])
+    if not parts:
+        return ()
+    first = grown(parts[0], None)
+    near = first.equilibrium[-count:]
+    later = shared_out(lambda part: grown(part, near).rate, parts[1:], compiles=False)
     return tuple(
         GrowthRates(noise, row, population.kinds[chosen], chosen)
-        for part, rates in rows
+        for part, rates in zip(parts, [first.rate, *later])
         for noise, row in zip(part, rates.reshape(len(part), count))
     )
 

@@ -29,14 +29,14 @@ def expanded_columns(heading: Heading, plant: Plant, columns: Mapping[str, str])
 
     Raises InvalidInput: the file has not as many numbered columns of that name as the plant has such signals.
     """
-    found = dict[str, str]()
+    found, every = dict[str, str](), _series(heading.columns)
     for name, text in columns.items():
         signals = [one for one in (*plant.inputs, *plant.outputs) if one.startswith(f"{name}_")]
         if "#" not in str(text) or heading.named(text) or not signals:
             found[name] = text
             continue
         stem, unit = name_and_unit(text)
-        series = _series(heading.columns).get(stem, [])
+        series = every.get(stem, [])
         refuse_if(
             len(series) != len(signals),
             f"{heading.file.path.name} has no column for each signal of {name!r}.",

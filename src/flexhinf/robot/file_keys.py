@@ -17,10 +17,10 @@ from typing import Any, NamedTuple, Protocol
 
 from flexhinf.robot.actuators import (
     PublishedJoint,
+    gear_advice,
     gear_name,
     published_gears,
     published_joints,
-    similar_gears,
 )
 from flexhinf.robot.drive_limits import OF_COMMANDS, per_second
 from flexhinf.robot.dynamics import KINDS
@@ -262,11 +262,7 @@ def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> Pub
     known = published_gears()
     name = gear_name(value)
     if name not in known:
-        same = similar_gears(name)
-        raise Unusable(
-            f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
-            nearest(name, same or known, "'CSG-25-100'"),
-        )
+        raise Unusable(*gear_advice(name, "'CSG-25-100'"))
     return known[name]
 
 

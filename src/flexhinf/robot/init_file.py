@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.robot.actuators import gear_name, published_gears, published_joints, similar_gears
+from flexhinf.robot.actuators import gear_advice, gear_name, published_gears, published_joints
 from flexhinf.robot.drive_text import ELECTRICAL, LOOPS, DriveLines, drive_lines, electrical_lines
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
@@ -23,7 +23,7 @@ from flexhinf.robot.parameters import ESTIMATE
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import NEAREST, Correction, RigidArm, ball_inertia, toml_key
 from flexhinf.robot.urdf import read_urdf
-from flexhinf.validation import nearest, one_of, read_xml, value_text
+from flexhinf.validation import one_of, read_xml, value_text
 
 #: So often what a reader refuses is worked around: each time it may find more.
 ROUNDS = 10
@@ -153,14 +153,11 @@ def gears_named(arm: RigidArm, texts: Sequence[str]) -> dict[str, str]:
     gears, turning = dict[str, str](), [joint.name for joint in arm.joints if not joint.slides]
     for text in texts:
         joint, equals, stated = text.rpartition("=")
-        name, known = gear_name(stated), published_gears()
-        same = similar_gears(name)
-        refuse_if(
-            name not in known,
-            f"There is no published gear {value_text(stated, 60)}.",
-            f"expected a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
-            nearest(name, same or known, "CSG-25-100"),
-        )
+        name = gear_name(stated)
+        if name not in published_gears():
+            expected, advice = gear_advice(name, "CSG-25-100")
+            what = f"There is no published gear {value_text(stated, 60)}."
+            raise InvalidInput(what, f"expected {expected}", advice)
         if equals:
             one_of(f"There is no joint {value_text(joint, 60)} that turns.", joint, turning)
         gears |= dict.fromkeys([joint] if equals else [name for name in turning if name not in gears], name)

@@ -221,8 +221,7 @@ class _Search:
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
-        default = self.candidate(EstimatorNoise.stated(self.setup.specification))
-        self.tried += [default] if default is not None else []
+        default = self.noted(self.candidate(EstimatorNoise.stated(self.setup.specification)))
         begun = self.all_at([*self.families()])
         if not begun:
             return None
@@ -292,14 +291,15 @@ class _Search:
 
     def all_at(self, places: Sequence[np.ndarray]) -> list[NoiseCandidate]:
         """The candidates of these x (2 joints,) on all processors, without those of unstable loops."""
-        found = [each for each in shared_out(self.judged, places) if each is not None]
-        self.tried += found
-        return found
+        return list(filter(None, map(self.noted, shared_out(self.judged, places))))
 
     def at(self, x: np.ndarray) -> NoiseCandidate | None:
         """The candidate of x (2 joints,), which is noted as tried; None for an unstable loop."""
-        candidate = self.judged(x)
-        self.tried += [candidate] if candidate is not None else []
+        return self.noted(self.judged(x))
+
+    def noted(self, candidate: NoiseCandidate | None) -> NoiseCandidate | None:
+        """The same candidate, which is one of the tried if there is one."""
+        self.tried += filter(None, [candidate])
         return candidate
 
     def judged(self, x: np.ndarray) -> NoiseCandidate | None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.gears import CURVE
+from flexhinf.validation import nearest
 
 #: The two forms in which the inertia on the motor's side is stated; a joint that has one takes nothing of the other.
 INERTIAS = ({"motor_inertia"}, {"rotor_inertia", "hub_inertia"})
@@ -86,10 +87,13 @@ def gear_name(text: object) -> str:
     return text.strip().upper() if isinstance(text, str) else ""
 
 
-def similar_gears(name: str) -> list[str]:
-    """Published gears of the same series and size."""
+def gear_advice(name: str, otherwise: str) -> tuple[str, str]:
+    """What is expected in the place of a gear that is not published, and the published name that is nearest to it."""
     series, _, size = name.partition("-")
-    return [other for other in published_gears() if other.startswith(f"{series}-{size.partition('-')[0]}-")]
+    known = published_gears()
+    same = [other for other in known if other.startswith(f"{series}-{size.partition('-')[0]}-")]
+    expected = f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists"
+    return expected, nearest(name, same or known, otherwise)
 
 
 def published_of(row: Mapping[str, Any]) -> list[PublishedJoint]:
