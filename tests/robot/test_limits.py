@@ -31,6 +31,8 @@ def test_a_reference_within_the_limits(limited):
     home = list(limited.home)
     assert check_reference(limited, home, 1.0) == 0.0
     assert check_reference(limited, home, 0.5, period=0.1) == 0.0
+    for ends in zip(*limited.links.limits):  # a limit itself may be commanded
+        assert check_reference(limited, list(ends), 0.5) == 0.0
     assert check_reference(paper_arm(), Sine(100.0, 1.0), 2.0) == 0.0  # no limits are stated
 
 

@@ -72,3 +72,5 @@ def test_what_is_no_braking_is_refused() -> None:
             fh.Braked(WAVE, **options)
     with refused_with(InvalidInput, 4, 5):
         fh.Braked(WAVE, at=0.0).derivatives(0.1, 5)
+    with refused_with(InvalidInput, "fh.Spline"):
+        fh.Braked(np.sin, at=0.0).derivatives(0.1)

@@ -1,5 +1,6 @@
 """A sampled controller: `controller_step` compiled, with its own memory, for one thread at a time."""
 
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false
 from __future__ import annotations
 
 import copy
@@ -272,8 +273,7 @@ class Controller(Summarised):
         """The controller as a system of python-control (``nlsys`` with ``dt``): measurements ``y_…`` and commands
         ``r_…`` in, inputs out; u of a sample depends on y of the same sample, and acts `latency` samples later.
 
-        Its states are the controller's memory; `initial_memory` is the initial state. Needs the extra ``control``.
-        """
+        Its states are those of `memory`, `initial_memory` at the start. Needs the extra ``control``."""
         p = len(self.measured)
         return python_control().nlsys(
             lambda t, memory, v, params: self.evaluate(v[:p], v[p:], memory)[1],

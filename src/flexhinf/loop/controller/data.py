@@ -1,5 +1,7 @@
 """Numbers of a controller's step by name: changing them compiles nothing."""
 
+# SciPy's assignment has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -283,7 +283,10 @@ def governed(
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
     those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
     was shown then, `hold` that of `resisted`, by default all of the distance."""
-    command, flags, lags, outrun = list(r), [], [], []
+    command: list[Any] = list(r)
+    flags: list[Any] = []
+    lags: list[Any] = []
+    outrun: list[Any] = []
     shares = hold[0][0] if hold else [1.0] * len(places)
     joints = zip(places, positions(tracked, y, estimate), far, shares, *numbers)
     for row, seen, flag, share, distance, *own in joints:

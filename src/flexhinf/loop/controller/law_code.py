@@ -1,5 +1,7 @@
 """How a kernel evaluates a law: by its own code, as a table of monomials, or as a series of springs, in loops."""
 
+# `operator.matmul` has no type for blocks.
+# pyright: reportUnknownMemberType=false
 from __future__ import annotations
 
 import operator
@@ -99,7 +101,7 @@ class LawCode:
         inputs, size, degrees = len(self.law.input_names), self.data.size, self.table.degrees
         if active is None:
             return run.polynomial(x, data[:size], degrees, inputs)
-        totals = []
+        totals: list[Block] = []
         for law in range(len(active)):
             with run.when(active[law : law + 1]):
                 totals.append(run.polynomial(x, data[law * size : (law + 1) * size], degrees, inputs))

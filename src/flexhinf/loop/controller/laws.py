@@ -8,6 +8,8 @@ believes in (the instructions of flow and output, and parameters), period, satur
 `StoredLaw`: it computes the same numbers, without any data of its design. docs/controller_file.md has the format.
 """
 
+# Laws are checked, since callers may pass anything.
+# pyright: reportUnnecessaryIsInstance=false
 from __future__ import annotations
 
 import hashlib
@@ -15,7 +17,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -216,7 +218,7 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
     if len({law.law_key for law in laws}) == 1 or not alike or len(tables) < len(laws):
         return tuple(laws)
     degrees = tuple(sorted({degree for table in tables for degree in table.degrees}))
-    padded = []
+    padded: list[StoredLaw] = []
     for law, table in zip(laws, tables):
         own, nothing = iter(table.coefficients.T), np.zeros(len(law.input_names))
         rows = [
@@ -445,7 +447,7 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
     are refused at once: by an InvalidInput, ValueError, IndexError or KeyError."""
     every: list[tuple[str, ...]] = []
     for kind in ("states", "inputs"):
-        names = header[kind]  # a text would be taken for a list of letters
+        names = cast("list[Any]", header[kind])  # a text would be taken for a list of letters
         if not isinstance(names, list) or not 0 < len(names) <= MOST_SIGNALS:
             raise InvalidInput("A law's signals are not named.", f"got {value_text(names, 60)}")
         every.append(tuple(checked_name("a signal of a law", name, spaces=True) for name in names))

@@ -19,7 +19,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -39,7 +39,9 @@ class Layout:
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         self.parts: dict[str, Shape | list[Shape]] = {
-            name: [np.shape(array) for array in value] if isinstance(value, list) else np.shape(value)
+            name: [np.shape(array) for array in cast("list[Any]", value)]
+            if isinstance(value, list)
+            else np.shape(value)
             for name, value in values.items()
         }
         parts = [(n, shape) for n, p in self.parts.items() for shape in (p if isinstance(p, list) else [p])]

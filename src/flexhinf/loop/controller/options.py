@@ -24,13 +24,14 @@ A law of no known model has no such line: there G = 0, and w and S have Σⱼ |K
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, refuse_if
@@ -128,7 +129,7 @@ def checked_measurement_limits(value: Any, estimator: Estimator | None) -> tuple
     What does not fit is refused, and any without an estimator, as nothing would stand in for what is missing."""
     if value is None:
         return None
-    triple = isinstance(value, (tuple, list)) and len(value) == 3
+    triple = isinstance(value, (tuple, list)) and len(cast("Sequence[Any]", value)) == 3
     refuse_if(
         estimator is None or not triple,
         "The limits of the measurements cannot be used.",
@@ -189,8 +190,10 @@ class Limits:
         if saturation is None:
             return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
         advice = LIMITED.get(name, f"48.0 for ±48, or {name}=(lower, upper)")
-        pair = isinstance(saturation, tuple) and len(saturation) == 2
-        lower, upper = (ends(part, name, advice) for part in (saturation if pair else (saturation,) * 2))
+        parts = cast("tuple[Any, ...]", saturation) if isinstance(saturation, tuple) else ()
+        pair = len(parts) == 2
+        both: list[Any] = [*parts] if pair else [saturation, saturation]
+        lower, upper = (ends(part, name, advice) for part in both)
         lower = lower if pair else -upper
         if not np.all(lower < upper):
             raise InvalidInput(
@@ -374,7 +377,7 @@ class FirstInput:
                 f"expected 'hold', 'zero' or one number per input, got {value_text(before_first)}",
                 "before_first='zero' for motors that stay without power until there is a measurement",
             )
-        self.option: Any = before_first if named else self._checked(before_first)
+        self.option: str | Vector = before_first if named else self._checked(before_first)
         self.is_zero = named and before_first == "zero"
         self.text = "zero" if self.is_zero else "what holds the robot where the estimate begins"
 
@@ -407,7 +410,7 @@ class FirstInput:
     @cached_property
     def own(self) -> np.ndarray:
         """Input (m,) where the estimate begins, within the limits."""
-        if isinstance(self.option, np.ndarray):
+        if not isinstance(self.option, str):
             return self.option
         u, estimator = np.array(self.law.operating_input, dtype=float), self.estimator
         if estimator is None or self.is_zero:
@@ -465,7 +468,8 @@ def _kind_of_input(name: str) -> tuple[str, str]:
 
 def _plausible_text(low: float, high: float, rate: float, unit: str) -> str:
     """Those limits of a measurement that there are, in words."""
-    texts, unit = [], f" {unit}" * bool(unit)
+    texts: list[str] = []
+    unit = f" {unit}" * bool(unit)
     if np.isfinite([low, high]).any():
         texts.append(f"{low:.4g} to {high:.4g}{unit}")
     if np.isfinite(rate):
@@ -476,7 +480,7 @@ def _plausible_text(low: float, high: float, rate: float, unit: str) -> str:
 def controller_facts(c: Any) -> dict[str, str]:
     """What a controller says of itself: law, estimator, period, limits, and what is measured and commanded."""
     limits, command, mode = c.limits, c.command_limits, c.mode
-    units = {} if c.estimator is None else c.estimator.plant.units
+    units: Mapping[str, str] = {} if c.estimator is None else c.estimator.plant.units
     input_units = [units.get(name, "") for name in c.law.input_names]
     tracked_units = [units.get(name, "") for name in c.tracked]
     law, zone = ", ".join(dict.fromkeys(law.kind for law in c.laws)), c.integral_dead_zone

@@ -150,7 +150,7 @@ class Supervision(StatedRepr):
     damping: float = 0.05
     longest_swing: float = math.pi / 2.0
     saturation_time: float = 0.2
-    reactions: Mapping[str, str] = field(default_factory=dict)
+    reactions: Mapping[str, str] = field(default_factory=dict[str, str])
     braking_time: float = 0.3
     position_swing: Any = None
     following: Any = None

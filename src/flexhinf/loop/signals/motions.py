@@ -1,5 +1,8 @@
 """Motions from rest to rest: time-optimal within limits, through samples, through waypoints at stated times."""
 
+# SciPy's interpolation and ruckig have no types; a profile is checked, since callers may pass anything.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false, reportUnnecessaryIsInstance=false
 from __future__ import annotations
 
 from collections.abc import Callable

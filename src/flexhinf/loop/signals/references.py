@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,10 +54,10 @@ class Signal(Protocol):
 def signal_name(signal: Any, depth: int = 3) -> str:
     """A short description of a command or disturbance, of lists and mappings at most `depth` in one another."""
     if isinstance(signal, (Mapping, list, tuple)):
-        mapping = isinstance(signal, Mapping)
-        labels = [f"{name}: " for name in signal] if mapping else [""] * len(signal)
-        parts = zip(labels, signal.values() if mapping else signal)
-        return "; ".join(f"{label}{signal_name(part, depth - 1)}" for label, part in parts) if depth else "…"
+        parts = cast("Mapping[object, object] | Sequence[object]", signal)
+        named = isinstance(parts, Mapping)
+        several = [(f"{name}: ", part) for name, part in parts.items()] if named else [("", p) for p in parts]
+        return "; ".join(f"{label}{signal_name(p, depth - 1)}" for label, p in several) if depth else "…"
     if callable(signal):
         return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
     return "none" if signal is None else f"constant {signal}"
@@ -76,7 +76,7 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
             f"expected an order of at most {highest}, got {order}",
             advice,
         )
-    return int(order)
+    return int(cast(int, order))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -250,7 +250,8 @@ class Quintic(_Finite):
         with smoothing, or a `Spline`, needs none.
         """
         s = clip((t - self.at) / self.duration, 0.0, 1.0)
-        rows, polynomial = [], [0.0, 0.0, 0.0, 10.0, -15.0, 6.0]
+        rows: list[Any] = []
+        polynomial = [0.0, 0.0, 0.0, 10.0, -15.0, 6.0]
         for k in range(1, checked_order(order, "quintic") + 1):
             polynomial = [j * c for j, c in enumerate(polynomial)][1:]
             value = 0.0 * s
@@ -278,7 +279,7 @@ class Samples(Sampled):
 
     def __call__(self, t: Any) -> Any:
         """The value between the neighbouring samples, by linear interpolation."""
-        columns = [np.interp(t, self.times, column) for column in np.atleast_2d(self.values.T)]
+        columns: list[Vector] = [np.interp(t, self.times, column) for column in np.atleast_2d(self.values.T)]
         return columns[0] if self.values.ndim == 1 else np.stack(columns, axis=-1)
 
     def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
@@ -341,9 +342,15 @@ class Braked(StatedRepr):
     def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …)."""
         checked_order(order, "braked signal", 4, "the fifth of its path time jumps", "order=4")
+        refuse_if(
+            not hasattr(self.signal, "derivatives"),
+            "The signal that is braked has no derivatives.",
+            f"expected a signal with derivatives(t, order), got {value_text(self.signal)}",
+            "fh.Quintic, fh.Sine; fh.Spline(times, values) for samples",
+        )
         t, path = np.asarray(t, dtype=float), np.polynomial.Polynomial(BRAKING)
         passed, early = np.clip((t - self.at) / self.time, 0.0, 1.0), t < self.at
-        q = [*self.signal.derivatives(self._path_time(t), order), *np.zeros(4 - order)]
+        q = [*cast(Signal, self.signal).derivatives(self._path_time(t), order), *np.zeros(4 - order)]
         a, b, c, d = (
             np.where(early, float(k == 1), self.time ** (1 - k) * path.deriv(k)(passed)).reshape(
                 t.shape + (1,) * (np.ndim(q[0]) - t.ndim)
@@ -452,7 +459,8 @@ def braked(reference: Any, at: float, time: float) -> Any:
     if isinstance(reference, Moving):
         return Moving(Braked(reference, at, time), reference.inverse, reference.names)
     if isinstance(reference, Mapping):
-        return {name: braked(part, at, time) for name, part in reference.items()}
+        named = cast("Mapping[str, Any]", reference)
+        return {name: braked(part, at, time) for name, part in named.items()}
     if isinstance(reference, (list, tuple)):
-        return [braked(part, at, time) for part in reference]
+        return [braked(part, at, time) for part in cast("Sequence[Any]", reference)]
     return Braked(reference, at, time) if callable(reference) else reference

@@ -3,6 +3,8 @@
 A true plant that integrates itself is stepped with the controller, one sample at a time.
 """
 
+# What is not typed: callers may pass anything as a plant, and a lambda's argument.
+# pyright: reportUnknownLambdaType=false, reportUnnecessaryIsInstance=false
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +60,7 @@ class Pacing(NamedTuple):
 LONGEST_KEPT = 100_000
 
 #: One sample after the other, as fast as possible.
-AT_ONCE = Pacing(lambda k: True, lambda k: None)
+AT_ONCE = Pacing(lambda _: True, lambda _: None)
 
 
 class Loop(Summarised):
@@ -198,8 +200,8 @@ class Loop(Summarised):
 
         def measured(x: Any) -> np.ndarray:
             x = np.asarray(x, dtype=float)
-            y = plant.traced_output(x, idle, p) if places is None else x[places]
-            return np.ravel(np.asarray(y, dtype=float))
+            y = x[places] if places is not None else np.asarray(plant.traced_output(x, idle, p), dtype=float)
+            return np.ravel(y)
 
         def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
             u, after = controller.evaluate(measured(state[:n]), v[:commanded], state[n:])
@@ -467,12 +469,13 @@ class Loop(Summarised):
         """A run on a `Plant`, prepared but not yet made; arguments as of `run`. Where their text says all of them, and
         is that of the last time, only the noise is new."""
         arguments = reference, disturbance, noise, duration, initial_state, initial_input
-        others = {"multi_turn": multi_turn, "initial_memory": initial_memory}
-        said = repr((*arguments, others)) if is_written((*arguments, others)) else ""
+        everything = *arguments, multi_turn, initial_memory
+        said = repr(everything) if is_written(everything) else ""
         start = getattr(self.controller.estimator, "initial", None)
         if self._last and self._last[0] == said and self._last[1] is start:
             return self._last[2].with_seed(seed)
-        run = self.ensemble(*arguments, **others).single(seed, self.sub_steps)
+        several = self.ensemble(*arguments, multi_turn=multi_turn, initial_memory=initial_memory)
+        run = several.single(seed, self.sub_steps)
         if said and len(run.times) <= LONGEST_KEPT:
             self._last = said, start, run
         return run
@@ -519,12 +522,12 @@ class Loop(Summarised):
             )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         command = Command.of(commands[: len(times)], controller.period)
-        start = {
+        start: dict[str, np.ndarray] = {
             "x": starting_state(initial_state, plant.states, controller),
             "held": controller.input_before(initial_input),
             "memory": controller.initial_memory(input=initial_input)
             if initial_memory is None
-            else initial_memory,
+            else real_array(initial_memory),
         }
         noise = self.channel.noise(noise)
         deviation = None if noise is None else checked_deviation(noise, controller.measured)
@@ -577,7 +580,9 @@ class Loop(Summarised):
         names, value = controller.commanded, self._completed(reference)
         commands = sample_signal(value, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
-        limits = next((model.limits for model in models if model.limits), {})
+        limits: Mapping[str, tuple[float, float]] = next(
+            (m.limits for m in models if m.limits), models[0].limits
+        )
         units = {**plant.units, **models[-1].units}
         if not multi_turn and reference is not None:
             check_turns(value, commands, names, units)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexhinf.arrays import Numbers
+from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen import Kernel, aligned, compile_program
 from flexhinf.codegen.noise import seed_key
 from flexhinf.codegen.shared import share
@@ -231,7 +231,8 @@ class Ensemble:
         diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
         recorded.reduction_memory[:, failed] = np.nan
         ends = np.cumsum([len(reduction.start) for reduction in self.reductions])[:-1]
-        memories, results = iter(np.split(recorded.reduction_memory, ends)), []
+        memories = iter(np.split(recorded.reduction_memory, ends))
+        results: list[dict[str, Vector]] = []
         for several in (*self.tracking.values(), self.common):
             named = [reduction.result(next(memories), self.command) for reduction in several]
             results.append({key: np.array(row, dtype=float) for part in named for key, row in part.items()})
@@ -262,11 +263,8 @@ class Ensemble:
         disturbances = self._disturbances(plants)
         threads = thread_count()
         if self._few(plants):
-            with ThreadPoolExecutor(threads) as pool:
-                yield from pool.map(
-                    lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).run()[0],
-                    range(len(plants)),
-                )
+            settings = [self._settings(plants, k) for k in range(len(plants))]
+            yield from (run for run, _, _ in self._in_turn(plants, settings, threads))
             return
         names = _signal_names(self.plant, self.controller)
         kept = tuple((kind, k) for kind, some in names.items() for k in range(len(some)))
@@ -381,34 +379,36 @@ class Ensemble:
                     recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
-        recorded, disturbances = self._room(len(plants)), self._disturbances(plants)
-        with ThreadPoolExecutor(threads) as pool:
-            runs = pool.map(
-                lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).run(),
-                range(len(plants)),
-            )
-            for k, (run, code, last) in enumerate(runs):
-                recorded.codes[k], recorded.steps[k] = code, last
-                recorded.doubtful[k] = run.doubtful_samples
-                if code == 0 and len(recorded.reduction_memory):
-                    reduction_memory = self.reduction_memory
-                    arrays = {
-                        **{
-                            name: run.signals[name].ravel()
-                            for name in ("state", "estimate", "output", "input")
-                        },
-                        **self.shared,
-                        "reduction_memory": reduction_memory,
-                        "step": np.zeros(1),
-                    }
-                    names = [buffer.name for buffer in self._reducer.program.buffers]
-                    self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
-                    recorded.reduction_memory[:, k] = reduction_memory
-                passed = self.instants < len(run.time)
-                recorded.kept[k, ~passed] = np.nan
-                for j, (kind, column) in enumerate(self.kept):
-                    recorded.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
+        recorded, settings = self._room(len(plants)), [dict(self.settings) for _ in range(len(plants))]
+        for k, (run, code, last) in enumerate(self._in_turn(plants, settings, threads)):
+            recorded.codes[k], recorded.steps[k] = code, last
+            recorded.doubtful[k] = run.doubtful_samples
+            if code == 0 and len(recorded.reduction_memory):
+                reduction_memory = self.reduction_memory
+                arrays = {
+                    **{name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")},
+                    **self.shared,
+                    **{"reduction_memory": reduction_memory, "step": np.zeros(1)},
+                }
+                names = [buffer.name for buffer in self._reducer.program.buffers]
+                self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
+                recorded.reduction_memory[:, k] = reduction_memory
+            passed = self.instants < len(run.time)
+            recorded.kept[k, ~passed] = np.nan
+            for j, (kind, column) in enumerate(self.kept):
+                recorded.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
         return recorded
+
+    def _in_turn(
+        self, plants: EnsemblePlants, settings: Sequence[dict[str, Any]], threads: int
+    ) -> Iterator[tuple[Trajectory, int, int]]:
+        disturbances = self._disturbances(plants)
+
+        def run_of(k: int) -> tuple[Trajectory, int, int]:
+            return self._prepared(plants, disturbances, k, settings[k]).run()
+
+        with ThreadPoolExecutor(threads) as pool:
+            yield from pool.map(run_of, range(len(plants)))
 
     def _prepared(
         self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
@@ -444,10 +444,11 @@ class Ensemble:
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
         plant, controller, table = self.plant, self.controller, self.plant.parameters
+        several: Any = parameters
         if isinstance(parameters, Mapping) or (
-            isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in parameters)
+            isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in several)
         ):
-            truth = table.vectors(parameters)
+            truth = table.vectors(several)
         else:
             truth = real_array(parameters)
             if truth.ndim != 2 or truth.shape[1] != table.size or not np.all(np.isfinite(truth)):
@@ -557,7 +558,7 @@ def _seeds(seeds: Any, count: int) -> np.ndarray:
     if np.ndim(seeds) == 0:
         check_seed(seeds)
         return np.full(count, seeds, dtype=np.uint64)
-    if not (isinstance(seeds, np.ndarray) and seeds.dtype == np.uint64):  # else no other number fits
+    if getattr(seeds, "dtype", None) != np.uint64:  # else no other number fits
         for seed in seeds:
             check_seed(seed)
     refuse_if(

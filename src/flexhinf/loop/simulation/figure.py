@@ -1,5 +1,7 @@
 """The plot of a run, which is displayed in a notebook without pyplot and its global state."""
 
+# Matplotlib's types leave some arguments open.
+# pyright: reportUnknownMemberType=false
 from __future__ import annotations
 
 import warnings

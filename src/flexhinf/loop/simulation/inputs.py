@@ -6,8 +6,8 @@ Noise is made by a counter-based generator, so that the noise of any sample, ste
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NotRequired, Protocol, TypeAlias, TypedDict, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NotRequired, Protocol, TypeAlias, TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -242,8 +242,12 @@ def check_turns(
     Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
     functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
     """
-    several = reference if isinstance(reference, (list, tuple)) else [reference] * len(names)
-    parts = [reference.get(name) for name in names] if isinstance(reference, Mapping) else several
+    parts: Sequence[SignalLike] = [reference] * len(names)
+    if isinstance(reference, Mapping):
+        named = cast("Mapping[str, SignalLike]", reference)
+        parts = [named.get(name) for name in names]
+    elif isinstance(reference, (list, tuple)):
+        parts = cast("Sequence[SignalLike]", reference)
     for name, part, column in zip(names, parts, commands.T):
         written = isinstance(part, WRITTEN) or not callable(part)
         largest = float(column[np.argmax(np.abs(column))])
@@ -273,8 +277,9 @@ def by_name(signal: SignalLike, plant: Plant | BlackBox) -> SignalLike:
     """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
     if not isinstance(signal, Mapping):
         return signal
-    members = {member: part for name, part in signal.items() for member in plant.groups.get(name, ())}
-    return {**members, **{name: part for name, part in signal.items() if name not in plant.groups}}
+    named = cast("Mapping[str, SignalLike]", signal)
+    members = {member: part for name, part in named.items() for member in plant.groups.get(name, ())}
+    return {**members, **{name: part for name, part in named.items() if name not in plant.groups}}
 
 
 def sample_signal(
@@ -290,37 +295,36 @@ def sample_signal(
     if signal is None:
         return np.zeros((len(times), len(channels)))
     if isinstance(signal, Mapping):
-        for name in signal:
+        named = cast("Mapping[str, SignalLike]", signal)
+        for name in named:
             one_of(f"There is no {what} {name!r}.", name, channels)
-        signal = [signal.get(name) for name in channels]
-    if (
-        depth
-        and isinstance(signal, Sequence)
-        and not isinstance(signal, str)
-        and len(signal) == len(channels)
-    ):
-        columns = [
-            sample_signal(part, times, [name], what, depth - 1) for part, name in zip(signal, channels)
-        ]
-        return np.hstack(columns) if columns else np.zeros((len(times), 0))
-    later = times * LATER
+        signal = [named.get(name) for name in channels]
+    if depth and isinstance(signal, Sequence) and not isinstance(signal, str):
+        parts = cast("Sequence[SignalLike]", signal)
+        if len(parts) == len(channels):
+            columns = [
+                sample_signal(part, times, [name], what, depth - 1) for part, name in zip(parts, channels)
+            ]
+            return np.hstack(columns) if columns else np.zeros((len(times), 0))
+    later, whole = times * LATER, cast(Any, signal)
+    function = cast("Callable[[Any], ArrayLike] | None", whole if callable(whole) else None)
     try:
-        if not callable(signal):
+        if function is None:
             values = real_array(signal)
-        elif isinstance(signal, VECTORISED):
-            values = real_array(signal(later))
+        elif isinstance(function, VECTORISED):
+            values = real_array(function(later))
         else:
-            values = real_array([signal(float(t)) for t in later])
+            values = real_array([function(float(t)) for t in later])
     except (TypeError, ValueError):
         values = np.zeros((0, 0, 0))
-    lead = (len(times),) if callable(signal) else ()  # per time if it is a function, else once
+    lead = (len(times),) if function else ()  # per time if it is a function, else once
     if values.shape != (*lead, len(channels)) and (len(channels) != 1 or values.shape != lead):
         raise InvalidInput(
             f"The {what} does not fit its channels.",
             f"expected {len(channels)} values for {list(channels)} at each time, got {value_text(signal)}",
             f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
         )
-    values = values.reshape(len(times), -1) if callable(signal) else values
+    values = values.reshape(len(times), -1) if function else values
     values = np.array(np.broadcast_to(values, (len(times), len(channels))))
     if not np.all(np.isfinite(values)):
         row = int(np.argmin(np.all(np.isfinite(values), axis=1)))
@@ -357,12 +361,16 @@ def sample_disturbance(
     starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
     times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
     times, disturbance = times.ravel(), np.zeros((samples, room, 3, len(channels)))
-    if not isinstance(signal, Mapping) or set(signal) - set(channels):
-        values = sample_signal(signal, times, channels, "disturbance")
+    named: Mapping[str, SignalLike] = {}
+    whole: SignalLike = signal
+    if isinstance(signal, Mapping):
+        named = cast("Mapping[str, SignalLike]", signal)
+    if not isinstance(signal, Mapping) or set(named) - set(channels):
+        values = sample_signal(whole, times, channels, "disturbance")
         disturbance[:, :parts] = values.reshape(samples, parts, 3, len(channels))
         return disturbance
-    for name in signal:  # one channel at a time: all of them are 0.2 GB for 5 s of seven links
-        values = sample_signal(signal[name], times, [name], "disturbance")
+    for name, part in named.items():  # one channel at a time: all of them are 0.2 GB for 5 s of seven links
+        values = sample_signal(part, times, [name], "disturbance")
         disturbance[:, :parts, :, tuple(channels).index(name)] = values.reshape(samples, parts, 3)
     return disturbance
 
@@ -396,7 +404,11 @@ def white_noise(deviation: np.ndarray, seed: int, samples: int, sample: int = 0)
 
 def check_seed(seed: object) -> None:
     """Refuse a seed that is no integer in 0 … 2⁶⁴ − 1."""
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
+    if (
+        isinstance(seed, bool)
+        or not isinstance(seed, (int, np.integer))
+        or not 0 <= int(cast(int, seed)) < 2**64
+    ):
         raise InvalidInput(
             "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
         )

@@ -6,6 +6,8 @@ Their `update` is traced and compiled like a model: NumPy code on any element, c
 `maximum` and so on.
 """
 
+# NumPy's `where` of unpacked rows has no type.
+# pyright: reportUnknownArgumentType=false
 from __future__ import annotations
 
 import math
@@ -17,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import unknown_name, value_text
@@ -88,7 +91,8 @@ def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None
         return {"overshoot_percent": None, "settling_time_s": None, "rise_time_s": None}
     start, last = int(np.argmax(time >= shape.at)), len(time) - 1
     beyond = position - shape.final
-    way, crossings = 1.0 + beyond / shape.height, []
+    way = 1.0 + beyond / shape.height
+    crossings: list[Any] = []
     for level in RISE:
         k = next(iter(start + np.flatnonzero(way[start:] >= level)), -1)
         crossings += [k, way[k], way[max(k - 1, 0)]]
@@ -410,7 +414,8 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
     height, beyond, after = final - initial, position - final, step >= change
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
     outside = where(after, where(abs(beyond) > band_of(height), step, outside), outside)
-    way, rises = 1.0 + beyond / height, []
+    way = 1.0 + beyond / height
+    rises: list[Any] = []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
         new = where(after, where(sample < -0.5, where(way >= level, 1.0, 0.0), 0.0), 0.0)
@@ -419,10 +424,11 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
 
 
 def _stepped_metrics(
-    kept: np.ndarray, height: Any, start: Any, at: Any, last: int, time: Callable[[np.ndarray], np.ndarray]
+    kept: np.ndarray, height: float | Vector, start: Any, at: Any, last: int, time: Callable[[Vector], Vector]
 ) -> dict[str, np.ndarray]:
     """Metrics of steps from their memories (k, N): heights; first sample and time, s; last sample; times of samples."""
-    (_, high, low, outside, _, *crossings), times = kept, []
+    _, high, low, outside, _, *crossings = kept
+    times: list[Vector] = []
     with np.errstate(divide="ignore", invalid="ignore"):
         overshoot = 100.0 * np.maximum(0.0, np.where(height > 0.0, high, low) / height)
         settling = np.where(outside < start, 0.0, time(outside) - at)

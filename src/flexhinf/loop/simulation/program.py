@@ -123,8 +123,9 @@ class Channel:
     def arrived(self, y: Any, waiting: Any, gap: Any) -> tuple[Any, Any]:
         """What arrives at a sample (p,) of what is measured then, y (p,), and the next of what waits (Σ late,): NaN
         before the first sample, whose measurements stand for those before."""
+        there: list[Any] = []
         kept: list[Any] = []
-        there, first = [], 0
+        first = 0
         for value, late in zip(y, self.late or (0,) * len(y)):
             before = waiting[first : first + late]
             line = [value, *chosen(known(before), before, value)]
@@ -314,7 +315,8 @@ def loop_program(
         estimate = b.row("estimates", sizes["estimate"], "out")
     else:
         y, noise = b.whole("y", sizes["y"], "work"), b.whole("noise", sizes["y"], "work")
-        estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
+        estimate = b.whole("estimate", sizes["estimate"], "work")
+    step = b.whole("step", int(many), "state")
     step_places: dict[str, Slice | None] = {
         "y": y[0],
         "r": ahead_rows[0] if ahead_rows else None,
@@ -447,7 +449,7 @@ def noise_kernel(channels: int) -> Kernel:
     body = (
         Normal(step[0], key[0], noise[0]),
         Call(_product_function(channels, 1), (*noise, *deviation), noise),
-        Call(trace(lambda step: step + float(BLOCK), 1, name="later"), step, step),
+        Call(trace(_later, 1, name="later"), step, step),
     )
     program = Program("noise", tuple(b.values()), (Repeat("blocks", body),), ("blocks",))
     return compile_program(program, BLOCK)
@@ -469,9 +471,15 @@ def _memory_size(reductions: Sequence[Reduction]) -> int:
     return sum(len(reduction.start) for reduction in reductions)
 
 
+def _later(step: Any) -> Any:
+    return step + float(BLOCK)
+
+
 def _product_function(size: int, times: int) -> ca.Function:
-    # Rounded before anything is added to the products.
-    return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
+    def product(rows: Any, factors: Any) -> Any:  # rounded before anything is added to the products
+        return rows * np.tile(factors, times)
+
+    return trace(product, size * times, size, name="product")
 
 
 def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> ca.Function:

@@ -8,6 +8,8 @@ settles make it another one than the linear loop. How far the fitted oscillation
 result.
 """
 
+# NumPy's least squares have no type for complex numbers.
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -93,7 +95,8 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
         exponents = np.log(values.astype(complex)) / period
     frequencies = np.abs(exponents) / (2.0 * np.pi)
     lasting = (exponents.imag > 0.0) & (exponents.real > -1.0 / (LASTING * period))
-    oscillations, error, rests = [], 0.0, True
+    oscillations: list[tuple[Oscillation, ...]] = []
+    error, rests = 0.0, True
     for run, places in zip(runs, watched):
         columns = run[:, list(places)]
         begin = np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0]

@@ -1,5 +1,7 @@
 """Result of a run: labelled signals with units, metrics, and a plot."""
 
+# SciPy's files and pandas have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 from __future__ import annotations
 
 import os
