@@ -9,7 +9,10 @@ import pytest
 from tests.builders import arm_controller
 
 import flexhinf as fh
+from flexhinf.codegen.cut import LINES
+from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export.controller_c import code_of
+from flexhinf.robot.workspace import workspace_of
 
 #: A name, an element of an array, a number: what is known without computing.
 NAME = r"(?:(?!\d)\w+(?:\[[\w+* -]+\])?)"
@@ -171,6 +174,40 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     }
     assert {"deviation", "feedback", "limited_input"} <= bodies.keys()
     assert 40 < max(map(len, bodies.values())) <= 120
+
+
+def longest(text: str) -> int:
+    """Lines of the longest function, with its head and its braces."""
+    found = re.finditer(r"^\w[^;{}#]*\)\n{\n.*?^}", text, flags=re.DOTALL | re.MULTILINE)
+    return max(len(function[0].splitlines()) for function in found)
+
+
+def of_a_workspace(links: str) -> fh.Controller:
+    robot, limits = fh.load_robot(links), fh.Specification(workspace="limits")
+    setup = tuned_setup(robot, limits, workspace_of(robot, limits.workspace))
+    return setup.controller(setup.workspace.home, supervision=setup.supervision)
+
+
+#: Controllers with short and long steps, and types.
+LONG = {
+    "paper": (lambda: arm_controller(), "float"),
+    "takeover": (lambda: arm_controller(start="bumpless"), "float"),
+    "two links in float": (two_links, "float"),
+    "two links": (two_links, "double"),
+    "two links, gauss": (lambda: arm_controller("planar-two-link", fh.ExtendedKalmanFilter), "double"),
+    "takeover in double": (lambda: arm_controller(degree=4, start="bumpless"), "double"),
+    "seven links": (seven_links, "double"),
+    "workspace": (lambda: of_a_workspace("planar-two-link"), "float"),
+    "workspace of seven": (lambda: of_a_workspace("seven-link"), "double"),
+}
+
+
+@pytest.mark.ci("writes the code of controllers of several joints")
+@pytest.mark.quick_cases(3)
+@pytest.mark.parametrize("kind", LONG)
+def test_no_function_is_longer_than_a_page(kind: str) -> None:
+    made, real = LONG[kind]
+    assert 40 < longest(code_of(made(), "arm", real).source) <= LINES
 
 
 @pytest.mark.ci("exports a controller for each type")

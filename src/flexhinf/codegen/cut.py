@@ -34,8 +34,11 @@ class Filling:
     last. `most`: Lines of a body.
     """
 
-    def __init__(self, section: float = MOST, last: Mapping[int, int] = NOTHING, most: float = MOST) -> None:
-        self.section, self.last, self.most, self.number, self.size = section, last, most, 0, 0.0
+    def __init__(
+        self, section: float = MOST, last: Mapping[int, int] = NOTHING, most: float | None = None
+    ) -> None:
+        self.section, self.last, self.number, self.size = section, last, 0, 0.0
+        self.most = MOST if most is None else most
         self.values = list[int]()
 
     def add(self, size: float, values: Sequence[int] = (), begins: bool = False, alone: bool = False) -> int:
@@ -65,13 +68,14 @@ def pieces(
     sizes: Mapping[int, float],
     reads: Callable[[int], Iterable[int]],
     last: Mapping[int, int],
-    most: float = MOST,
+    most: float | None = None,
 ) -> Iterator[tuple[Sequence[int], float]]:
     """Where to cut a row of values that is too long for one function: the values of each piece, and its lines.
 
     `sizes`: Lines of each value, which has another if something behind its piece uses it. `reads`: What each is
     computed of. `last`: What uses each last, of the row or behind it. `most`: Lines of a body.
     """
+    most = MOST if most is None else most
     place = {k: at for at, k in enumerate(values)}
     used = [place.get(last[k], len(values)) if k in last else -1 for k in values]
     #: Of the pieces up to each place: values that they store and load, where the last one begins, and its lines.

@@ -98,13 +98,13 @@ class Statements:
     def _used(self, run: Sequence[list[str]], scope: Mapping[str, str]) -> list[str]:
         """What of a scope a run of statements uses."""
         lines = [line for own in run for line in own]
-        words = _words([*self._pointers(lines), *lines])
-        return [name for name in scope if name in words]
+        known = _names([*self._pointers(lines), *lines])
+        return [name for name in scope if name in known]
 
     def _text(self, name: str, run: Sequence[list[str]], scope: Mapping[str, str]) -> str:
         lines = [line for own in run for line in own]
         pointers = self._pointers(lines)
-        kept = _words(pointers)
+        kept = _names(pointers)
         declared = [
             scope[used] if used in kept or self._changes(lines, used) else _constant(scope[used])
             for used in self._used(run, scope)
@@ -163,5 +163,5 @@ def _code(lines: Iterable[str]) -> Iterator[str]:
     return (line for line in lines if not line.lstrip().startswith(("/*", "* ")))
 
 
-def _words(lines: Iterable[str]) -> set[str]:
+def _names(lines: Iterable[str]) -> set[str]:
     return {word for line in _code(lines) for word in re.findall(r"\w+", line)}
