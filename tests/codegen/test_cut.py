@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from tests.codegen.test_same_bits import long
 
-from flexhinf.codegen import cut
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.codegen.cut import CALL, MOST, Filling, pieces
 
@@ -29,14 +28,13 @@ def lines_and_moves(row: range, reads: list[list[int]], last: dict[int, int]) ->
     return len(row) + stores, stores + len({a for k in row for a in reads[k] if a not in row})
 
 
-def test_a_long_piece_is_cut_where_least_is_stored_and_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_piece_is_cut_where_least_is_stored_and_loaded() -> None:
     """Of all ways to cut a row, whose last value is a result, into functions of so many lines."""
-    monkeypatch.setattr(cut, "MOST", 6)
     rng, count = np.random.default_rng(3), 11
     for _ in range(20):
         reads = [[int(a) for a in rng.integers(-3, k, 2)] if k else [-1] for k in range(count)]
         last = {a: k for k in range(count) for a in reads[k]} | {count - 1: -1}
-        found = [*pieces(range(count), dict.fromkeys(range(count), 1.0), reads.__getitem__, last)]
+        found = [*pieces(range(count), dict.fromkeys(range(count), 1.0), reads.__getitem__, last, 6)]
         costs = list[int]()
         for inner in (own for n in range(count) for own in combinations(range(1, count), n)):
             rows = [lines_and_moves(range(*ends), reads, last) for ends in pairwise([0, *inner, count])]

@@ -9,7 +9,10 @@ import pytest
 from tests.builders import arm_controller
 
 import flexhinf as fh
+from flexhinf.codegen.cut import LINES
+from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export.controller_c import code_of
+from flexhinf.robot.workspace import workspace_of
 
 #: A name, an element of an array, a number: what is known without computing.
 NAME = r"(?:(?!\d)\w+(?:\[[\w+* -]+\])?)"
@@ -173,6 +176,54 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     assert 40 < max(map(len, bodies.values())) <= 120
 
 
+def longest(text: str) -> int:
+    """Lines of the longest function, with its head and its braces."""
+    found = re.finditer(r"^\w[^;{}#]*\)\n{\n.*?^}", text, flags=re.DOTALL | re.MULTILINE)
+    return max(len(function[0].splitlines()) for function in found)
+
+
+def of_a_workspace(links: str) -> fh.Controller:
+    robot, limits = fh.load_robot(links), fh.Specification(workspace="limits")
+    setup = tuned_setup(robot, limits, workspace_of(robot, limits.workspace))
+    return setup.controller(setup.workspace.home, supervision=setup.supervision)
+
+
+SEVEN = "workspace of seven joints"
+
+#: Controllers with short and long steps, and types.
+LONG = {
+    "paper": (lambda: arm_controller(), "float"),
+    "takeover": (lambda: arm_controller(start="bumpless"), "float"),
+    "two links in float": (two_links, "float"),
+    "two links": (two_links, "double"),
+    "two links, extended": (lambda: arm_controller("planar-two-link", fh.ExtendedKalmanFilter), "double"),
+    "takeover in double": (lambda: arm_controller(degree=4, start="bumpless"), "double"),
+    "seven links": (seven_links, "double"),
+    "workspace": (lambda: of_a_workspace("planar-two-link"), "float"),
+    SEVEN: (lambda: of_a_workspace("seven-link"), "double"),
+}
+
+
+def is_short(kind: str) -> bool:
+    made, real = LONG[kind]
+    return 40 < longest(code_of(made(), "arm", real).source) <= LINES
+
+
+def test_no_function_is_longer_than_a_page() -> None:
+    assert is_short("takeover")
+
+
+@pytest.mark.ci("writes the code of controllers of several joints")
+@pytest.mark.parametrize("kind", [kind for kind in LONG if kind not in ("takeover", SEVEN)])
+def test_no_function_of_several_joints_is_longer_than_a_page(kind: str) -> None:
+    assert is_short(kind)
+
+
+@pytest.mark.nightly("designs a law for the workspace of seven joints")
+def test_no_function_of_a_workspace_of_seven_joints_is_longer_than_a_page() -> None:
+    assert is_short(SEVEN)
+
+
 @pytest.mark.ci("exports a controller for each type")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
@@ -183,7 +234,7 @@ def test_stages_are_functions_with_named_arguments_and_results(real: str, contro
     assert re.findall(r"\b(?:kept\[|data\[\d|p\[\d).*", source) == []
     lines = [*source.splitlines(), *header.splitlines()]
     assert [line for line in lines if len(line) > 120] == []
-    sample = next(body for head, body in functions(source) if " arm_sample(" in head)
+    sample = [line for head, body in functions(source) if " arm_sample" in head for line in body]
     at = next(k for k, line in enumerate(sample) if line.startswith("for (int k0 = 0;"))
     called = re.findall(
         r"^arm_(\w+)\(", "\n".join(sample[at + 1 : sample.index("}", at)]), flags=re.MULTILINE

@@ -10,9 +10,12 @@
 `program` has the steps; `compose` makes them of NumPy code, or `recorder` keeps the stages of one trace. `dataflow` has
 the operations of a traced function in single-assignment form with products fused into sums; `emit` and `c` read each
 function of a program so. What an operation is, in NumPy, LLVM and C, and in certificates, is said by `operations`
-alone. For C, `stages` divides a step that is one trace, `straight` joins one of many small pieces: both lead to
-functions that a person reads, as long as `cut` says, which `c.function` asks too. All LLVM is written by `emit.writer`,
-that of `loops` too.
+alone. All LLVM is written by `emit.writer`, that of `loops` too.
+
+For C, a controller takes one of two ways, by what it is. One that is a single trace has no steps yet:
+`stages` divides its operations into calls. One that is composed has too many: `straight` traces neighbours among them
+again, as one. Both give a `Program`, in which a person finds functions of one length: `cut` says it for both, for
+`c.function`, which writes what is traced, and for `c.statements`, which writes the calls.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import re
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count, groupby
 
@@ -23,8 +23,8 @@ import casadi
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real
 from flexhinf.codegen.c.expression import Expressions
-from flexhinf.codegen.c.layout import block, headed, loop
-from flexhinf.codegen.cut import Filling, lines_of, pieces
+from flexhinf.codegen.c.layout import block, headed, length, loop
+from flexhinf.codegen.cut import LINES, MOST, Filling, lines_of, pieces
 from flexhinf.codegen.dataflow import LEAVES, Dataflow
 from flexhinf.codegen.operations import COSTLY, OPERATIONS
 
@@ -45,8 +45,14 @@ FACTORS = 6
 #: Equal neighbours among results that are written one by one.
 FEW = 4
 
-#: Values of one loop over the lanes that share some, at most.
+#: Values of one loop over the lanes that share some, at most, where functions have as many lines as they may.
 MANY = 120
+
+#: Lines more that the heads of parts have, about, for the arrays that are passed from one to another.
+PASSED = 2
+
+#: Lines of a body with which a function is cut at last: with fewer, what passes numbers on is most of it.
+FEWEST = 24
 
 #: Some of a function's outputs, as `Dataflow` has them.
 Results = list[tuple[int, int, int]]
@@ -64,7 +70,8 @@ class FunctionText:
     lane to lane. `calls`: Names of functions by opcode. `rows`: Name of the function of rows for some opcodes.
     `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
     of each stage. `elements`: Of each argument and result, the indices of its elements or elements of `parts`, names of
-    places in an argument; None where they are 0, 1, … `labels`: What values are called.
+    places in an argument; None where they are 0, 1, … `labels`: What values are called. `most`: Lines of a body that is
+    cut.
     """
 
     name: str
@@ -81,11 +88,27 @@ class FunctionText:
     elements: tuple[Sequence[str] | None, ...] = ()
     parts: Mapping[str, str] = field(default_factory=dict[str, str])
     labels: Mapping[int, str] = field(default_factory=dict[int, str])
+    most: int = MOST
 
+    def fitted(self) -> FunctionText:
+        """The same, cut so that each function has `LINES` at most, with its head and what it stores at its end."""
+        head = self._head(self.name, self._called, [])[0]
+        best = tried = replace(self, most=MOST + 1 - length(head))
+        fewer = 0
+        while tried.longest > LINES and tried.most > FEWEST:
+            fewer = max(tried.longest - LINES, 2 * fewer * (tried is not best))
+            tried = replace(tried, most=max(FEWEST, tried.most - fewer))
+            best = min(best, tried, key=lambda text: text.longest)
+        return best
+
+    @cached_property
+    def longest(self) -> int:
+        """Lines of the longest function."""
+        return max(map(length, self.texts.values()))
+
+    @cached_property
     def texts(self) -> dict[str, str]:
         """Functions by name, in an order in which C can read them; the last is the one that is called."""
-        names = [*dict.fromkeys([*self.arguments, *self.results])]
-        last = [*(["count"] if self.lanes == 0 else []), *([ROWS] if self.lanes > 1 and self.places else [])]
         parts = {
             name: self._named_parts(lines)
             for name, lines in (self._single_parts() if self.lanes == 1 else self._several_parts())
@@ -94,16 +117,28 @@ class FunctionText:
             texts, lines = dict[str, str](), next(iter(parts.values()))
         else:
             texts, lines = dict[str, str](), list[str]()
+            known = dict.fromkeys([*self.arguments, *self.results, *self._arrays, *self._called])
             for name, text in parts.items():
-                own = [word for word in [*names, *self._arrays, *last] if _uses(text, word)]
+                own = [word for word in known if _uses(text, word)]
                 texts[name] = self._text(name, own, text)
                 lines.append(f"{name}({', '.join(own)});")
             lines = self._named_parts(self._joined(lines))
         lines += [f"(void){word};" for word in dict.fromkeys(self.arguments) if not _uses(lines, word)]
-        texts[self.name] = self._text(self.name, [*names, *last], lines)
+        texts[self.name] = self._text(self.name, self._called, lines)
         return texts
 
+    @cached_property
+    def _called(self) -> list[str]:
+        """What the function is called with."""
+        last = [*(["count"] if self.lanes == 0 else []), *([ROWS] if self.lanes > 1 and self.places else [])]
+        return [*dict.fromkeys([*self.arguments, *self.results]), *last]
+
     def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
+        head, begin = self._head(name, arguments, lines)
+        return "\n".join(block(f"{head}\n{{", begin + lines))
+
+    def _head(self, name: str, arguments: list[str], lines: list[str]) -> tuple[str, list[str]]:
+        """The head of a function of these lines, and what it begins with."""
         whole = name == self.name
         keeps = whole and bool(self._arrays)
         apart = "NOINLINE " if keeps or sum(map(_operations, lines)) > LONG else ""
@@ -118,7 +153,7 @@ class FunctionText:
                 pointer = f"{'' if changed else 'const '}{self.real.name} *"
                 begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")
             declared.append("int count" if word == "count" else f"{kind}{word}{'_of_rows' * of_rows}")
-        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", begin + lines))
+        return f"static {apart}void {name}({', '.join(declared)})", begin
 
     def _element(self, argument: int, element: int) -> str:
         if self.lanes != 1 and self.moving[argument]:
@@ -204,9 +239,10 @@ class FunctionText:
             last = {k: user for k, user in last.items() if k not in results}
         else:
             last |= dict.fromkeys(results, -1)
-        parts, filling = dict[int, list[Stage]](), Filling(last=last)
+        most = self.most if sum(sizes.values()) <= self.most else self.most - PASSED
+        parts, filling = dict[int, list[Stage]](), Filling(last=last, most=most)
         for stage, own in groupby(lines, stages.__getitem__):
-            for piece, size in pieces([*own], sizes, text.leaves, last):
+            for piece, size in pieces([*own], sizes, text.leaves, last, most):
                 parts.setdefault(filling.add(size, piece), []).append((stage, list(piece)))
         return list(parts.values()) or [[]]
 
@@ -291,26 +327,27 @@ class FunctionText:
             yield from self._stored(places)
 
     def _stored(self, places: Mapping[int, str]) -> Iterator[str]:
-        """Results that are not written where they are computed; equal neighbours by a loop."""
-        text, stores = self._expressions, list[tuple[int, int, str]]()
-        for result, element, value in self.flow.outputs:
-            place = self._result(result, element)
+        """Results that are not written where they are computed; equal neighbours, and neighbours of one argument, by a
+        loop."""
+        text, stores = self._expressions, list[tuple[str, str, bool]]()
+        for result, element, value in sorted(self.flow.outputs):
+            place, is_read = (
+                self._result(result, element),
+                self.flow.operations[value].code == casadi.OP_INPUT,
+            )
             if places.get(value) == place:
                 continue
-            if self.flow.operations[value].code == casadi.OP_INPUT and not self.apart:
-                yield from text.declared(value) if value not in text.numbers else ()
-            stores.append((result, element, text.number(value).bare))
-        turns = count()
-        for (result, _, written), each in groupby(
-            sorted(stores, key=lambda row: row[:2]), key=lambda row: (row[0], row[1] - next(turns), row[2])
-        ):
-            word, (first, *others) = self.results[result], [element for _, element, _ in each]
-            named = self.elements and self.elements[len(self.arguments) + result]
-            if len(others) < FEW or named:
-                yield from (f"{self._result(result, element)} = {written};" for element in (first, *others))
-            else:
-                place = f"{first} + i" if first else "i"
-                yield from loop("i", 1 + len(others), [f"{word}[{place}] = {written};"])
+            if is_read and not self.apart and value not in text.numbers:
+                yield from text.declared(value)
+            stores.append((place, text.number(value).bare, is_read and self.apart))
+        for is_long, runs in groupby(_neighbours(stores, False), lambda run: len(run) > FEW):
+            for run in runs if is_long else _neighbours((store for own in runs for store in own), True):
+                (first, written, _), (_, last, _) = run[0], run[-1]
+                if len(run) > FEW:
+                    line = f"{_turning(first)} = {written if written == last else _turning(written)};"
+                    yield from loop("i", len(run), [line])
+                else:
+                    yield from (f"{place} = {number};" for place, number, _ in run)
 
     def _joined(self, lines: list[str]) -> list[str]:
         """Calls of the parts; where results are not written by them, they are at the end."""
@@ -323,7 +360,7 @@ class FunctionText:
 
     # Several columns ----------------------------------------------------------------------------------
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
-        parts, filling = dict[int, list[str]](), Filling()
+        parts, filling = dict[int, list[str]](), Filling(most=self.most)
         for lines in filter(None, self.several()):
             size = sum(max(1.0, lines_of(_operations(line))) for line in lines)
             parts.setdefault(filling.add(size), []).extend(lines)
@@ -457,7 +494,7 @@ class FunctionText:
         for level in set(levels.values()) if self.lanes else ():
             here = [k for k in levels if levels[k] == level and operations[k].code not in COSTLY]
             for group in self._groups(here):
-                parts = -(-len(group) // MANY)
+                parts = -(-len(group) // max(1, MANY * self.most // MOST))
                 part |= {k: place * parts // len(group) for place, k in enumerate(group)}
             last = max((part[k] for k in here), default=0)
             part |= {k: last for k in levels if levels[k] == level and operations[k].code in COSTLY}
@@ -495,6 +532,33 @@ class FunctionText:
             rows[place : place + 1] = [last[k]]
             places[k] = place
         return places
+
+
+def _element_of(text: str) -> tuple[str, int]:
+    """What an element of an array begins with, and the number that it ends with: ``x[AT + 2]`` is ``x[AT + ``, 2."""
+    found = re.fullmatch(r"(\w+\[(?:\w+ \+ )?)(\d+)\]", text)
+    return (found[1], int(found[2])) if found else (text[:-1] + " + ", 0)
+
+
+def _turning(text: str) -> str:
+    """The element of an array behind another one, in a loop over ``i``."""
+    begin, number = _element_of(text)
+    return f"{begin}{f'{number} + ' * (number > 0)}i]"
+
+
+def _neighbours(
+    stores: Iterable[tuple[str, str, bool]], moving: bool
+) -> Iterator[list[tuple[str, str, bool]]]:
+    """Where something is written, what, and whether that is an element of an argument: neighbours with equal values, or
+    if `moving`, with neighbours among the elements of one."""
+    turns = count()
+
+    def key(store: tuple[str, str, bool]) -> tuple[object, ...]:
+        (place, written, is_element), turn = store, next(turns)
+        (begin, number), (source, element) = _element_of(place), _element_of(written)
+        return begin, number - turn, (source, element - turn) if moving and is_element else written
+
+    return (list(run) for _, run in groupby(stores, key))
 
 
 def _uses(lines: Iterable[str], word: str) -> bool:

@@ -33,6 +33,11 @@ def folded(text: str) -> str:
     return "\n".join(done)
 
 
+def length(text: str) -> int:
+    """Lines that a text has when it is folded."""
+    return folded(text).count("\n") + 1
+
+
 def _is_inside(line: str) -> bool:
     """Whether it is a line of words in a comment, behind its first one."""
     return line.lstrip().startswith("* ")

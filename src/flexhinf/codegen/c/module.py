@@ -15,6 +15,7 @@ from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
 from flexhinf.codegen.c.function import FunctionText
 from flexhinf.codegen.c.layout import block, headed, loop
 from flexhinf.codegen.c.parts import Parts
+from flexhinf.codegen.c.statements import Statements
 from flexhinf.codegen.dataflow import read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.operations import COSTLY, OPERATIONS, TURNS
@@ -124,13 +125,17 @@ class Translator:
         self._parts = {part.buffer: part for part in parts}
         self._numbers = {buffer.name: buffer.size for buffer in program.buffers}
         steps = list(self._body(program.body, []))
-        pointers = [line for part in parts for line in part.declared(steps, self.real.name)]
-        body = [*pointers, *steps, f"return {self._codes.get(0, 0)};"]
-        arguments = [
-            f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
+        arguments = {
+            buffer.name: f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
-        ] + [f"{self.real.name} *RESTRICT {ROOM}"] * (self.room > 0)
-        self.functions[full] = "\n".join(block(f"static int {full}({', '.join(arguments)})\n{{", body))
+        }
+        arguments |= {ROOM: f"{self.real.name} *RESTRICT {ROOM}"} if self.room else {}
+
+        def pointers(lines: Sequence[str]) -> list[str]:
+            return [line for part in parts for line in part.declared(lines, self.real.name)]
+
+        statements = Statements(full, arguments, pointers, self.functions)
+        self.functions |= statements.texts(steps, str(self._codes.get(0, 0)))
         return full
 
     # Steps --------------------------------------------------------------------------------------------
@@ -500,8 +505,8 @@ class Translator:
                 elements,
                 places,
                 labels,
-            )
-            texts = writer.texts()
+            ).fitted()
+            texts = writer.texts
             if not texts.keys() & self.functions.keys():
                 break
         else:

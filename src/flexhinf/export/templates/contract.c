@@ -596,31 +596,33 @@ static void held_starts(void)
 
 {% endif %}
 #ifndef @{NAME}_WITHOUT_CHECK
-/* One number after the other is changed: what the check says of it, and its place. */
+/* Places of numbers that are changed one after the other, what is written there, and what the check says of it. */
+static const int tried_places[@{tries | length}] = {
+@{in_lines(tries | map(attribute=0) | list)}
+};
+static const @{name}_real tried_values[@{tries | length}] = {
+@{numbers(tries | map(attribute=1) | list)}
+};
+static const int tried_verdicts[@{tries | length}] = {
+@{in_lines(tries | map(attribute=2) | list)}
+};
+
+/* Each changed number is accepted, or refused with its place. */
 static void checks(void)
 {
-    static const int places[@{tries | length}] = {
-@{in_lines(tries | map(attribute=0) | list)}
-    };
-    static const @{name}_real values[@{tries | length}] = {
-@{numbers(tries | map(attribute=1) | list)}
-    };
-    static const int verdicts[@{tries | length}] = {
-@{in_lines(tries | map(attribute=2) | list)}
-    };
     for (int k = 0; k < @{tries | length}; ++k) {
         int place = -1;
         param = @{name}_defaults;
-        if (places[k] < @{NAME}_PARAMETERS) {
-            param.value[places[k]] = values[k];
-        } else if (places[k] == @{NAME}_PARAMETERS) {
-            param.oldest = values[k];
+        if (tried_places[k] < @{NAME}_PARAMETERS) {
+            param.value[tried_places[k]] = tried_values[k];
+        } else if (tried_places[k] == @{NAME}_PARAMETERS) {
+            param.oldest = tried_values[k];
         } else {
-            param.missing_limit = (int)values[k];
+            param.missing_limit = (int)tried_values[k];
         }
-        expect(@{name}_check(&param, &place) == verdicts[k], "what the check says of a number");
-        expect(place == ((verdicts[k] == @{NAME}_PARAM_OK) ? -1 : places[k]), "the place of a number that is refused");
-        expect(@{name}_check(&param, NULL) == verdicts[k], "a check without a place");
+        expect(@{name}_check(&param, &place) == tried_verdicts[k], "what the check says of a number");
+        expect(place == ((tried_verdicts[k] == @{NAME}_PARAM_OK) ? -1 : tried_places[k]), "the place of a number that is refused");
+        expect(@{name}_check(&param, NULL) == tried_verdicts[k], "a check without a place");
     }
     param = @{name}_defaults;
     param.oldest = (@{name}_real)NAN;
