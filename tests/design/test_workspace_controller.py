@@ -406,6 +406,14 @@ def test_noise_is_that_of_each_joints_unit() -> None:
         noise("1e-8,1e-8,1e-8")
 
 
+def test_fast_joints_are_brought_back_from_80_mrad_or_8_mm_on() -> None:
+    """Speed limits of 4, 6 and 10 rad/s and 1 m/s, and slow ones."""
+    setup = made("scara", measured=("link_position", "motor_position"))
+    assert setup.governor.distance == pytest.approx([0.08, 0.08, 0.008, 0.08])
+    slow = replace(setup, robot=replace(setup.robot, speed_limits=(0.5, 2.0, 0.2, 2.0)))
+    assert slow.governor.distance == pytest.approx([0.02, 0.04, 0.004, 0.04])
+
+
 def test_a_motor_without_a_limit_is_weighed_by_what_it_moves() -> None:
     """The input of the inverse dynamics for an acceleration of one joint at rest, at the worst of many poses."""
     setup, n, worst = made(), 2, np.zeros(2)
