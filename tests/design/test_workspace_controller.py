@@ -406,13 +406,6 @@ def test_noise_is_that_of_each_joints_unit() -> None:
         noise("1e-8,1e-8,1e-8")
 
 
-@pytest.mark.costs("a law of its own for four joints")
-def test_fast_joints_are_brought_back_from_80_mrad_or_8_mm_on() -> None:
-    """Speed limits of 0.5 to 10 rad/s and 1 m/s."""
-    setup = made("scara", measured=("link_position", "motor_position"), peak_speed=(0.5, 3.0, 1.0, 10.0))
-    assert setup.governor.distance == pytest.approx([0.02, 0.06, 0.008, 0.08])
-
-
 def test_a_motor_without_a_limit_is_weighed_by_what_it_moves() -> None:
     """The input of the inverse dynamics for an acceleration of one joint at rest, at the worst of many poses."""
     setup, n, worst = made(), 2, np.zeros(2)

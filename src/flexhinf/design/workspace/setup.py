@@ -66,10 +66,8 @@ HOLD, ON_THE_WAY = 0.7, 21
 #: joint that hunts swings by so much, rad, or `SWING_NOISE` standard deviations of its noise, peak to peak.
 FOLLOWING_TIME, FOLLOWING, POSITION_SWING = 0.1, 0.1, 2e-3
 
-#: A joint that is farther from its command than it moves in this time, s, at its speed limit, but from these two
-#: distances, rad, is brought back, at most with this share of its speed limit, which it reaches in the last time, s. An
-#: integral makes a joint overshoot by a third of its error: of a fast wrist that stiff joints throw by 0.12 rad, 46
-#: mrad, and 20 where it is brought back from 0.08 rad on.
+#: A joint that is farther from its command than it moves in this time, s, at its speed limit, but from these distances,
+#: rad, is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
 FAR_TIME, FAR, BACK, BACK_TIME = 0.02, (0.02, 0.08), 0.8, 0.3
 
 #: A joint is blocked where what resists it is so many times as large as tolerances explain, and so many standard
