@@ -70,3 +70,10 @@ def test_an_arm_that_nothing_blocks_has_the_input_of_one_that_never_lets_go(name
             )  # fmt: skip
             found.append(run.signals["input"])
         assert np.array_equal(*found[-2:])
+
+
+@pytest.mark.costs("a law of its own for four joints")
+def test_fast_joints_are_brought_back_from_80_mrad_or_8_mm_on() -> None:
+    """Speed limits of 0.5 to 10 rad/s and 1 m/s."""
+    setup = made("scara", measured=("link_position", "motor_position"), peak_speed=(0.5, 3.0, 1.0, 10.0))
+    assert setup.governor.distance == pytest.approx([0.02, 0.06, 0.008, 0.08])

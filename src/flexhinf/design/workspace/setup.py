@@ -66,9 +66,9 @@ HOLD, ON_THE_WAY = 0.7, 21
 #: joint that hunts swings by so much, rad, or `SWING_NOISE` standard deviations of its noise, peak to peak.
 FOLLOWING_TIME, FOLLOWING, POSITION_SWING = 0.1, 0.1, 2e-3
 
-#: A joint that is farther from its command than it moves in this time, s, at its speed limit, and at least so far, rad,
-#: is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
-FAR_TIME, FAR, BACK, BACK_TIME = 0.02, 0.02, 0.8, 0.3
+#: A joint that is farther from its command than it moves in this time, s, at its speed limit, but from these distances,
+#: rad, is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
+FAR_TIME, FAR, BACK, BACK_TIME = 0.02, (0.02, 0.08), 0.8, 0.3
 
 #: A joint is blocked where what resists it is so many times as large as tolerances explain, and so many standard
 #: deviations of its noise.
@@ -255,7 +255,7 @@ class WorkspaceSetup(LoopPlants):
         """How a deployed controller brings joints back that were held, or whose command jumps, and lets go of what
         blocks them."""
         speed, space = BACK * self._speed, self.workspace
-        distance = np.maximum(FAR_TIME * self._speed, FAR * self._radian)
+        distance = np.clip(FAR_TIME * self._speed, *np.multiply.outer(FAR, self._radian))
         rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
         most = None if self.resistance is None else self.resistance.tolist()
         return Governor(
