@@ -394,7 +394,6 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
             @{name}_copy(state->newer, state->older, @{NAME}_MEMORY);
             @{name}_copy(state->memory, state->newer, @{NAME}_MEMORY);
             state->began_again = 0;
-            state->samples = 0;
         }
     } else if (code == @{NAME}_BAD_RESULT) {
         code = went_back(state);
