@@ -57,6 +57,9 @@ MOST_CHANGED, MIXED = 64, 48
 #: Share of the numbers that such a memory keeps, of flags that are turned, and of rows whose command rests.
 KEPT, TURNED_FLAGS, RESTS = 0.4, 0.25, 0.5
 
+#: Of its counts that are near to their limits.
+COUNTED = 0.7
+
 #: How far from those of the script its commands and measurements are, and some hard commands; decimals of its numbers.
 COMMANDED, SEEN, HARD, DECIMALS = 0.1, 0.02, 3.0, 3
 
@@ -299,16 +302,16 @@ def _mixed(
         part[...] |= part.ndim == 2
     positions = np.array(["position" in name for name in controller.measured], dtype=float)
     watch = places.get("watch", slice(0))
+    limits = _limits_of_counts(controller, one.numbers, watch.stop - (watch.start or 0))
     for _ in range(MIXED):
         changed = memory + rng.choice([OF_ZERO, 0.1, 1.0], memory.size) * rng.standard_normal(memory.size)
         changed *= np.where(rng.uniform(size=memory.size) < 0.5, 1.0, 1.0 + 0.1 * rng.standard_normal(memory.size))
         flags = (memory == 0.0) | (memory == 1.0)
         turned = rng.uniform(size=memory.size)
         changed = np.where(flags & (turned < 0.6), np.where(turned < TURNED_FLAGS, 1.0 - memory, memory), changed)
-        counted = slice(watch.start, watch.stop)
-        changed[counted] = np.where(
-            rng.uniform(size=changed[counted].size) < 0.5, rng.integers(-2, 12, changed[counted].size), changed[counted]
-        )
+        near = limits - rng.integers(-1, 3, limits.size)
+        counted = np.isfinite(near) & (rng.uniform(size=near.size) < COUNTED)
+        changed[watch] = np.where(counted, near, changed[watch])
         changed = np.where(fixed | (rng.uniform(size=memory.size) < KEPT), memory, _short(changed))
         row, other = rng.integers(len(one.y), size=2)
         y = held(_short(one.y[row] + SEEN * positions * rng.standard_normal(len(positions))))
@@ -317,6 +320,18 @@ def _mixed(
         if "reference" in places and rng.uniform() < RESTS:
             changed[places["reference"]] = r[: places["reference"].stop - places["reference"].start]
         yield Trial(changed, y[None], r[None])
+
+
+def _limits_of_counts(controller: Controller, numbers: np.ndarray, size: int) -> np.ndarray:
+    """What each number of the watch (size,) is compared with, infinite where it counts nothing: swings, samples since
+    the last one, and samples at a limit."""
+    if not size:
+        return np.zeros(0)
+    named = controller.data.named(numbers)
+    limits = np.full((5, size // 5), np.inf)
+    limits[2] = named.swings[2]
+    limits[3], limits[4] = np.floor(named.watching[0]), np.floor(named.watching[1])
+    return limits.ravel()
 
 
 def _short(numbers: np.ndarray) -> np.ndarray:

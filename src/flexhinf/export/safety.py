@@ -168,6 +168,12 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
         ("flags that change results are refused", f"`{n}_init`, `{n}_exact`", "your build: `make test`"),
         ("bits of the status are set where they must be", f"`{n}_step`", f"{vector}, from row `BEGUN` on"),
     ]  # fmt: skip
+    if code.controller.mode.checks_measurements:
+        rows.append(
+            ("measurements that cannot be are missing", f"`{n}_plausible`", f"{vector}, from row `BEGUN` on")
+        )
+    if "stop" in code.controller.memory.places:
+        rows.append(("a brake ends at path rate 0", f"`{n}_reaction`", f"{vector}, from row `BEGUN` on"))
     if code.standstill is not None:
         rows.append(("rest at a pose", f"`{n}_rest`", f"{rehearsal}: `rests`"))
     if code.slows:
