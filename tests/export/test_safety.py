@@ -128,6 +128,20 @@ def test_covariances_stay_semidefinite_where_float_decides() -> None:
     assert not all(map(is_one, _memories(own, True)))
 
 
+@pytest.mark.ci("compiles an export three times")
+def test_two_exports_may_be_compiled_as_one_file(folder: Path, compiler: str, tmp_path: Path) -> None:
+    """And nothing of it compares numbers by ==."""
+    warnings = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wundef", "-Wfloat-equal", "-Werror", "-c")
+    for other in ("arm", "leg"):
+        for file in ("arm.h", "arm.c"):
+            text = (folder / file).read_text(encoding="utf-8").replace("arm", other).replace("ARM", other.upper())
+            (tmp_path / file.replace("arm", other)).write_text(text, encoding="utf-8")
+    (tmp_path / "both.c").write_text('#include "arm.c"\n#include "leg.c"\n', encoding="utf-8")
+    for file in ("arm.c", "both.c"):
+        subprocess.run([compiler, *warnings, file], cwd=tmp_path, check=True)
+    assert "AT_U" in (tmp_path / "arm.c").read_text(encoding="utf-8")
+
+
 @pytest.mark.ci("an export")
 def test_survivors_that_are_no_change_have_a_rule(folder: Path) -> None:
     """Each of its four; the same change elsewhere is one."""

@@ -24,7 +24,7 @@
 #define FMA(a, b, c) (((a) * (b)) + (c))
 #endif
 
-typedef @{name}_real real;
+#define real @{name}_real
 
 const char @{name}_version[] = "@{version}";
 const char @{name}_digest[] = "@{digest}";
