@@ -144,7 +144,7 @@ def test_two_exports_may_be_compiled_as_one_file(folder: Path, compiler: str, tm
 
 @pytest.mark.ci("an export")
 def test_survivors_that_are_no_change_have_a_rule(folder: Path) -> None:
-    """Each of its four; the same change elsewhere is one."""
+    """Each of its own; the same change elsewhere is one."""
     found = importlib.util.spec_from_file_location("mutants", folder / "mutants.py")
     assert found is not None
     assert found.loader is not None
@@ -172,6 +172,46 @@ static real arm_sin(real x)
 static void arm_seen(const real *seen)
 {
     const bool c1 = 0.5 < seen[2];
+}
+
+static void arm_rows(const real *commands, real *rows)
+{
+    rows[0] = commands[0];
+    rows[1] = commands[1];
+}
+
+static void arm_first(const real *rows, const real *last, real *first)
+{
+    const real v1 = rows[1] + rows[0];
+    first[0] = rows[0];
+    first[1] = v1;
+    (void)last;
+}
+
+static void arm_gain(const real *first, real *gain)
+{
+    gain[0] = first[0];
+}
+
+static void arm_sample(const real *commands, real *after)
+{
+    real *const rows = scratch;
+    real *const first = &scratch[2];
+    arm_rows(commands, rows);
+    arm_first(rows, commands + 2, first);
+    arm_gain(first, after + ARM_AT_U);
+    arm_copy(first, after + ARM_AT_U, 1);
+    arm_copy(rows, after + ARM_AT_SEEN, 1);
+}
+
+enum {
+    ARM_AT_U = 0, /* */
+    ARM_AT_SEEN = 1, /* */
+};
+
+static void arm_copy(const real *source, real *target)
+{
+    target[0] = source[0];
 }""".splitlines()
 
     def is_none(number: int, kind: str, old: str, new: str) -> bool:
@@ -188,3 +228,12 @@ static void arm_seen(const real *seen)
     assert not is_none(17, "number", "0.5", "1.5")
     assert is_none(22, "number", "0.5", "0.625")
     assert not is_none(22, "number", "2", "3")
+    places = {line.strip(): number for number, line in enumerate(source, 1)}
+    assert is_none(places["rows[1] = commands[1];"], "number", "commands[1]", "commands[2]")
+    assert not is_none(places["rows[0] = commands[0];"], "number", "commands[0]", "commands[1]")
+    assert not is_none(places["const real v1 = rows[1] + rows[0];"], "product", "+", "-")
+    assert is_none(places["first[1] = v1;"], "left out", "first[1] = v1", "")
+    assert is_none(places["arm_first(rows, commands + 2, first);"], "number", "2", "3")
+    assert not is_none(places["arm_gain(first, after + ARM_AT_U);"], "number", "U", "SEEN")
+    assert is_none(places["arm_copy(first, after + ARM_AT_U, 1);"], "number", "1", "2")
+    assert not is_none(places["arm_copy(rows, after + ARM_AT_SEEN, 1);"], "number", "1", "2")

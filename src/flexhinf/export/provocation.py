@@ -298,6 +298,9 @@ def _mixed(
     rng, places = np.random.default_rng(SEED), controller.memory.places
     fixed = np.zeros(memory.size, dtype=bool)
     fixed[[place for name in COUNTS for place in _places(controller, name)]] = True
+    sensors, seen = len(controller.measured), places.get("seen", slice(0, 0))
+    fixed[seen.start : min(seen.start + 2 * sensors, seen.stop)] = False  # these count nothing that is told
+    ages = slice(seen.start, min(seen.start + sensors, seen.stop))
     for part in controller.memory.named(fixed).belief if "belief" in places else ():
         part[...] |= part.ndim == 2
     positions = np.array(["position" in name for name in controller.measured], dtype=float)
@@ -309,6 +312,7 @@ def _mixed(
         flags = (memory == 0.0) | (memory == 1.0)
         turned = rng.uniform(size=memory.size)
         changed = np.where(flags & (turned < 0.6), np.where(turned < TURNED_FLAGS, 1.0 - memory, memory), changed)
+        changed[ages] = rng.integers(0, 4, ages.stop - ages.start)
         near = limits - rng.integers(-1, 3, limits.size)
         counted = np.isfinite(near) & (rng.uniform(size=near.size) < COUNTED)
         changed[watch] = np.where(counted, near, changed[watch])
@@ -397,7 +401,9 @@ def _other_numbers(
             part = moved[places[name]]
             by = part * (1.0 + MOVED * np.cos(1.0 + np.arange(part.size)))
             moved[places[name]] = np.where(
-                (part == 0.0) & (zeros and name in ("parameters", "law")), OF_ZERO, by
+                (part == 0.0) & (zeros and name in ("parameters", "law")),
+                OF_ZERO * (1.0 + 0.3 * np.cos(np.arange(part.size))),  # no two are equal
+                by,
             )
     if "following" in places:
         part = moved[places["following"]]

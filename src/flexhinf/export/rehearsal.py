@@ -103,6 +103,9 @@ def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]
 #: How many numbers are changed one by one, at most; by how much, relative to each.
 MOST_TRIED, CHANGE = 200, 1e-3
 
+#: A number beyond every other one, which nothing but a limit above it refuses.
+HUGE = 1e30
+
 #: What `NAME_check` finds, as the header has it.
 FINE, BEYOND, NOT_PHYSICAL = 0, 1, 2
 
@@ -124,7 +127,7 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
-            values += _beyond_ends(rows[place]) if place in rows else []
+            values += [*_beyond_ends(rows[place]), HUGE] if place in rows else []
         for value in (float(kind(value)) for value in values):
             found.append(
                 (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
