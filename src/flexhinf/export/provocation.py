@@ -23,8 +23,8 @@ from flexhinf.loop import Controller
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
 MOVED, OF_ZERO = 0.01, 1e-3
 
-#: Of the limits of inputs, what is left.
-NARROWER = 0.6
+#: Of the limits of inputs, what is left; and by how much numbers that others are compared with differ.
+NARROWER, APART = 0.6, 0.15
 
 #: Parts of the step's numbers that are moved; of the others, many are exact for the structure that they have.
 MOVED_PARTS = (
@@ -41,6 +41,9 @@ MOVED_PARTS = (
     "balance_state",
     "balance_input",
 )
+
+#: Parts in which zeros are moved too.
+OTHERWISE_ZERO = ("parameters", "law", "operating_point", "operating_input")
 
 NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
 
@@ -401,7 +404,7 @@ def _other_numbers(
             part = moved[places[name]]
             by = part * (1.0 + MOVED * np.cos(1.0 + np.arange(part.size)))
             moved[places[name]] = np.where(
-                (part == 0.0) & (zeros and name in ("parameters", "law")),
+                (part == 0.0) & (zeros and name in OTHERWISE_ZERO),
                 OF_ZERO * (1.0 + 0.3 * np.cos(np.arange(part.size))),  # no two are equal
                 by,
             )
@@ -419,10 +422,11 @@ def _other_numbers(
         moved[places["swings"]] = np.concatenate([edge, smallest, most])
     for name in NARROWED_PARTS:
         if name in places:
-            moved[places[name]] *= NARROWER  # infinite ones stay
+            part = moved[places[name]]
+            part *= NARROWER * (1.0 - APART * (np.arange(part.size) % 3))  # infinite ones stay
     if "governor" in places:
         table = moved[places["governor"]].reshape(-1, len(controller.tracked))
-        table *= 1.0 + MOVED * np.cos(1.0 + np.arange(table.size).reshape(table.shape))
+        table *= 1.0 + APART * np.cos(1.0 + np.arange(table.size).reshape(table.shape))
         at = controller.operating_reference[_tracked(controller)]
         table[3] = np.maximum(table[3], at - RANGE * size * AWAY)
         table[4] = np.minimum(table[4], at + RANGE * size * AWAY)
