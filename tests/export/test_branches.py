@@ -20,7 +20,9 @@ SIZE = r"[\w+*% -]+"  # of integers that are constants where the function is cal
 #: A choice between two numbers that are both computed before takes as long whatever it chooses. So does a condition of
 #: two such.
 CHOICE = rf" \? {VALUE} : {VALUE}(?=[;,)])"
-CONDITION = rf"(?:!?c\d+|\(isnan\({VALUE}\) != 0\)|\({VALUE} (?:<|<=|>) {VALUE}\)|!?\(fabsf?\({VALUE}\) <= {VALUE}\))"
+CONDITION = (
+    rf"(?:!?c\d+|\(isnan\({VALUE}\) != 0\)|\({VALUE} (?:<|<=|>) {VALUE}\)|!?\(fabsf?\({VALUE}\) <= {VALUE}\))"
+)
 BOTH = rf"{CONDITION} (?:&&|\|\|) {CONDITION}"
 SIGN = rf"\({VALUE} < {VALUE}\) \? {VALUE} : \(\({VALUE} > {VALUE}\) \? {VALUE} : {VALUE}\)"
 

@@ -131,10 +131,25 @@ def test_covariances_stay_semidefinite_where_float_decides() -> None:
 @pytest.mark.ci("compiles an export three times")
 def test_two_exports_may_be_compiled_as_one_file(folder: Path, compiler: str, tmp_path: Path) -> None:
     """And nothing of it compares numbers by ==."""
-    warnings = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wundef", "-Wfloat-equal", "-Werror", "-c")
+    warnings = (
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wshadow",
+        "-Wundef",
+        "-Wfloat-equal",
+        "-Werror",
+        "-c",
+    )
     for other in ("arm", "leg"):
         for file in ("arm.h", "arm.c"):
-            text = (folder / file).read_text(encoding="utf-8").replace("arm", other).replace("ARM", other.upper())
+            text = (
+                (folder / file)
+                .read_text(encoding="utf-8")
+                .replace("arm", other)
+                .replace("ARM", other.upper())
+            )
             (tmp_path / file.replace("arm", other)).write_text(text, encoding="utf-8")
     (tmp_path / "both.c").write_text('#include "arm.c"\n#include "leg.c"\n', encoding="utf-8")
     for file in ("arm.c", "both.c"):

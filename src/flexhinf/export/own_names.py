@@ -24,7 +24,9 @@ def with_own_names(text: str, name: str) -> str:
     """
     code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
     starts = (name, name.upper())
-    constants = [one for part in ENUMERATION.findall(code) for one in re.findall(r"^\s*(\w+) = ", part, re.MULTILINE)]
+    constants = [
+        one for part in ENUMERATION.findall(code) for one in re.findall(r"^\s*(\w+) = ", part, re.MULTILINE)
+    ]
     own = dict.fromkeys(one for one in [*STATIC.findall(code), *constants] if not one.startswith(starts))
     known = set(re.findall(r"\w+", text))
     for one in own:

@@ -311,10 +311,14 @@ def _mixed(
     limits = _limits_of_counts(controller, one.numbers, watch.stop - (watch.start or 0))
     for _ in range(MIXED):
         changed = memory + rng.choice([OF_ZERO, 0.1, 1.0], memory.size) * rng.standard_normal(memory.size)
-        changed *= np.where(rng.uniform(size=memory.size) < 0.5, 1.0, 1.0 + 0.1 * rng.standard_normal(memory.size))
+        changed *= np.where(
+            rng.uniform(size=memory.size) < 0.5, 1.0, 1.0 + 0.1 * rng.standard_normal(memory.size)
+        )
         flags = (memory == 0.0) | (memory == 1.0)
         turned = rng.uniform(size=memory.size)
-        changed = np.where(flags & (turned < 0.6), np.where(turned < TURNED_FLAGS, 1.0 - memory, memory), changed)
+        changed = np.where(
+            flags & (turned < 0.6), np.where(turned < TURNED_FLAGS, 1.0 - memory, memory), changed
+        )
         changed[ages] = rng.integers(0, 4, ages.stop - ages.start)
         near = limits - rng.integers(-1, 3, limits.size)
         counted = np.isfinite(near) & (rng.uniform(size=near.size) < COUNTED)
@@ -488,7 +492,9 @@ def _script(
             y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))
             row = command.copy()
             moves = 0 if rings else k  # a command that rests, for a limit cycle
-            row += size * astray * np.cos(1.0 + np.arange(row.size) + moves * (astray > ASTRAY)) * c.mode.moving
+            row += (
+                size * astray * np.cos(1.0 + np.arange(row.size) + moves * (astray > ASTRAY)) * c.mode.moving
+            )
             row[places] += commanded
             r.append(row)
             repeats.append(times)

@@ -140,13 +140,7 @@ def _beyond_ends(row: Range) -> list[float]:
     ends = {end for end in (row.least, row.most, row.low, row.high) if math.isfinite(end)}
     sizes = [abs(end) for end in ends if end != 0.0]
     zero = min(sizes, default=1.0)  # of an end at 0
-    return sorted(
-        {
-            end + side * CHANGE * (abs(end) or zero)
-            for end in ends
-            for side in (-1.0, 1.0)
-        }
-    )
+    return sorted({end + side * CHANGE * (abs(end) or zero) for end in ends for side in (-1.0, 1.0)})
 
 
 def _some(places: Sequence[int], most: int) -> list[int]:
