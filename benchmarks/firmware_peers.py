@@ -445,7 +445,7 @@ class Predictive(Peer):
 PROGRAMS: dict[str, type[Peer]] = {
     "exported": Exported,
     "CasADi": CasadiStep,
-    "observer": ConstantGain,
+    "Observer": ConstantGain,
     "ADMM": Predictive,
 }
 

@@ -26,7 +26,7 @@ CASES = tuple(
     empty goal | rejected | the same | rejected
     unknown joint | rejected | the same | rejected
     joint left out | rejected by default | the same | rejected
-    joint left out, `allow_partial_joints_goal` | it holds; since 6.8 it goes on | it holds; at speed it comes to rest first | succeeded, 0
+    joint left out, `allow_partial_joints_goal` | it holds, since 6.8 it goes on | it rests, then holds | succeeded, 0
     times that do not increase | rejected | the same | rejected
     efforts | rejected without an effort interface | rejected | rejected
     number that is not finite | not documented | rejected | rejected
@@ -46,7 +46,7 @@ CASES = tuple(
     path tolerance −1 | none, whatever the parameters | the same | succeeded, 0
     other negative tolerance | an error is logged, the parameters are used | rejected | rejected
     time-out | `cmd_timeout` after the end: holds | the same, and the goal is aborted | aborted, −5
-    speed scaling | an interface or a topic scales the time | an interface, from 0 to 1; smoothly, at rest at once | succeeded, 0
+    speed scaling | an interface or a topic scales time | an interface, 0 to 1; smoothly, at rest at once | succeeded, 0
     fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
     deactivated, then active at another pose | the goal ends; holds the new pose | the same | aborted, −4
     not active | rejected | the same | rejected
