@@ -317,7 +317,7 @@ class CasadiStep(Peer):
 
     def limited_law(
         self, x: ca.SX, integral: ca.SX, before: ca.SX, y: ca.SX, r: ca.SX
-    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+    ) -> tuple[Any, Any, Any]:
         """The input within its limits, the next integrals, and the tracked positions."""
         c, point = self.controller, np.asarray(self.controller.law.operating_point, dtype=float)
         law = trace(lambda x: c.law.evaluate_law(x, c.law.law_data), len(point), name="law")

@@ -58,7 +58,7 @@ WOUND_UP = 1e4
 MOST_CHANGED, MIXED = 64, 48
 
 #: Share of the numbers that such a memory keeps, of flags that are turned, and of rows whose command rests.
-KEPT, TURNED_FLAGS, RESTS = 0.4, 0.25, 0.5
+KEPT, TURNED_FLAGS, STANDING = 0.4, 0.25, 0.5
 
 #: Of its counts that are near to their limits.
 COUNTED = 0.7
@@ -326,9 +326,9 @@ def _mixed(
         changed = np.where(fixed | (rng.uniform(size=memory.size) < KEPT), memory, _short(changed))
         row, other = rng.integers(len(one.y), size=2)
         y = held(_short(one.y[row] + SEEN * positions * rng.standard_normal(len(positions))))
-        r = one.r[other] * (1.0 + COMMANDED * rng.standard_normal(one.r.shape[1]))
+        r: np.ndarray = one.r[other] * (1.0 + COMMANDED * rng.standard_normal(one.r.shape[1]))
         r = held(_short(r + rng.choice([0.0, COMMANDED, HARD], r.size) * rng.standard_normal(r.size)))
-        if "reference" in places and rng.uniform() < RESTS:
+        if "reference" in places and rng.uniform() < STANDING:
             changed[places["reference"]] = r[: places["reference"].stop - places["reference"].start]
         yield Trial(changed, y[None], r[None])
 
