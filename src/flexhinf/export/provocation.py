@@ -307,7 +307,7 @@ def _mixed(
     for part in controller.memory.named(fixed).belief if "belief" in places else ():
         part[...] |= part.ndim == 2
     positions = np.array(["position" in name for name in controller.measured], dtype=float)
-    watch = places.get("watch", slice(0))
+    watch, commands = places.get("watch", slice(0)), one.r.shape[1]
     limits = _limits_of_counts(controller, one.numbers, watch.stop - (watch.start or 0))
     for _ in range(MIXED):
         changed = memory + rng.choice([OF_ZERO, 0.1, 1.0], memory.size) * rng.standard_normal(memory.size)
@@ -326,8 +326,9 @@ def _mixed(
         changed = np.where(fixed | (rng.uniform(size=memory.size) < KEPT), memory, _short(changed))
         row, other = rng.integers(len(one.y), size=2)
         y = held(_short(one.y[row] + SEEN * positions * rng.standard_normal(len(positions))))
-        r: np.ndarray = one.r[other] * (1.0 + COMMANDED * rng.standard_normal(one.r.shape[1]))
-        r = held(_short(r + rng.choice([0.0, COMMANDED, HARD], r.size) * rng.standard_normal(r.size)))
+        near_one = 1.0 + COMMANDED * rng.standard_normal(commands)
+        added = rng.choice([0.0, COMMANDED, HARD], commands) * rng.standard_normal(commands)
+        r = held(_short(one.r[other] * near_one + added))
         if "reference" in places and rng.uniform() < STANDING:
             changed[places["reference"]] = r[: places["reference"].stop - places["reference"].start]
         yield Trial(changed, y[None], r[None])
