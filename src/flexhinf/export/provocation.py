@@ -307,7 +307,7 @@ def _mixed(
     for part in controller.memory.named(fixed).belief if "belief" in places else ():
         part[...] |= part.ndim == 2
     positions = np.array(["position" in name for name in controller.measured], dtype=float)
-    watch, commands = places.get("watch", slice(0)), one.r.shape[1]
+    watch, commands = places.get("watch", slice(0)), len(one.r[0])
     limits = _limits_of_counts(controller, one.numbers, watch.stop - (watch.start or 0))
     for _ in range(MIXED):
         changed = memory + rng.choice([OF_ZERO, 0.1, 1.0], memory.size) * rng.standard_normal(memory.size)
