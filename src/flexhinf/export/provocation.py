@@ -326,9 +326,9 @@ def _mixed(
         changed = np.where(fixed | (rng.uniform(size=memory.size) < KEPT), memory, _short(changed))
         row, other = rng.integers(len(one.y), size=2)
         y = held(_short(one.y[row] + SEEN * positions * rng.standard_normal(len(positions))))
-        near_one = 1.0 + COMMANDED * rng.standard_normal(commands)
+        scaled = 1.0 + COMMANDED * rng.standard_normal(commands)
         added = rng.choice([0.0, COMMANDED, HARD], commands) * rng.standard_normal(commands)
-        r = held(_short(one.r[other] * near_one + added))
+        r = held(_short(one.r[other] * scaled + added))
         if "reference" in places and rng.uniform() < STANDING:
             changed[places["reference"]] = r[: places["reference"].stop - places["reference"].start]
         yield Trial(changed, y[None], r[None])
