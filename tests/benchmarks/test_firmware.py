@@ -79,7 +79,10 @@ def test_peers_give_the_inputs_of_the_python_that_they_are_made_of(row: tuple[in
 
 def test_the_best_stands_first_and_losses_are_named() -> None:
     text = firmware_peers.table(kept_rows())
-    first = {peer: next(line for line in text.splitlines() if peer in line) for peer in ("CasADi", "ADMM")}
+    first = {
+        peer: next(line for line in text.splitlines() if peer in line)
+        for peer in ("CasADi", "Observer", "ADMM")
+    }
     for peer, line in first.items():
         lost = line.partition("loses: ")[2].partition(". ")[0]
         for name, place in firmware_peers.COMPARED.items():
@@ -100,7 +103,7 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
 #: What counts the instructions of each machine.
 TOOLS = {"x86-64": ("gcc", "valgrind"), "Cortex-M4F": ("arm-none-eabi-gcc", "qemu-system-arm")}
 OWN = ("Cortex-M4F", "")
-OTHERS = [row for row in product(TOOLS, ("", "CasADi", "ADMM")) if row != OWN]
+OTHERS = [row for row in product(TOOLS, ("", "CasADi", "Observer", "ADMM")) if row != OWN]
 
 
 @pytest.mark.parametrize(

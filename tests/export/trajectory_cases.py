@@ -21,12 +21,14 @@ CASES = tuple(
     for line in """
     shuffled names | joints in any order | the same | succeeded, 0
     linear, cubic, quintic | by what two waypoints state | the same, then smoothed | succeeded, 0
+    one waypoint | accepted | the same | succeeded, 0
     waypoints of mixed kinds | by what both ends of a segment state | the same | succeeded, 0
     empty goal | rejected | the same | rejected
     unknown joint | rejected | the same | rejected
     joint left out | rejected by default | the same | rejected
-    joint left out, `allow_partial_joints_goal` | it holds | the same; at speed it comes to rest first | succeeded, 0
+    joint left out, `allow_partial_joints_goal` | it holds, since 6.8 it goes on | it rests, then holds | succeeded, 0
     times that do not increase | rejected | the same | rejected
+    efforts | rejected without an effort interface | rejected | rejected
     number that is not finite | not documented | rejected | rejected
     speed at the end | rejected by default | the same; there is no option | rejected
     beyond the joint's range | not looked at | rejected | rejected
@@ -44,11 +46,12 @@ CASES = tuple(
     path tolerance −1 | none, whatever the parameters | the same | succeeded, 0
     other negative tolerance | an error is logged, the parameters are used | rejected | rejected
     time-out | `cmd_timeout` after the end: holds | the same, and the goal is aborted | aborted, −5
-    speed scaling | a state interface scales the time | the same, from 0 to 1; smoothly, at rest at once | succeeded, 0
+    speed scaling | an interface or a topic scales time | an interface, 0 to 1; smoothly, at rest at once | succeeded, 0
     fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
     deactivated, then active at another pose | the goal ends; holds the new pose | the same | aborted, −4
     not active | rejected | the same | rejected
     topic | no result; not said of a goal of the action | no result; a goal of the action ends | aborted, −1
+    topic, path tolerance | aborted beyond it; holds | the same, after decelerating | held
     empty trajectory on the topic | overrides the goal, without ending it | ignored; the goal goes on | succeeded, 0
     """.strip().splitlines()
 )

@@ -20,14 +20,14 @@ Exported = TypeVar("Exported")
 class File(Generic[Exported]):
     """A file of an export: its path, itself a template; its template; and what that needs beside what all have.
 
-    `condition`: Whether an export has it. `copy`: A folder that has the same text.
+    `condition`: Whether an export has it. `copies`: Folders that have the same text.
     """
 
     path: str
     template: str
     values: Callable[[Exported], Mapping[str, object]] = lambda export: NOTHING
     condition: Callable[[Exported], bool] = lambda export: True
-    copy: str = ""
+    copies: tuple[str, ...] = ()
 
 
 def rendered(
@@ -39,6 +39,5 @@ def rendered(
         if file.condition(export):
             path = render_text(file.path, name=name, **shared)
             texts[path] = render_c(file.template, name, real, **{**shared, **file.values(export)})
-            if file.copy:
-                texts[f"{file.copy}/{path}"] = texts[path]
+            texts |= {f"{folder}/{path}": texts[path] for folder in file.copies}
     return texts

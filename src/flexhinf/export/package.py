@@ -85,15 +85,15 @@ def _follows(export: Export) -> bool:
     return bool(export.follow)
 
 
-#: What the package for ROS 2 has of the others.
-ROS2_SOURCES = "ros2/src"
+#: Where the package for ROS 2 and the library for Arduino have the sources too.
+SOURCES = ("ros2/src", "arduino/src")
 
 #: All files of an exported controller.
 FILES: tuple[File[Export], ...] = (
-    File("@{name}.h", "controller.h", lambda export: export.code.header_values, copy=ROS2_SOURCES),
-    File("@{name}.c", "controller.c", lambda export: export.code.source_values, copy=ROS2_SOURCES),
-    File("@{name}_follow.h", "follow.h", _follow, _follows, ROS2_SOURCES),
-    File("@{name}_follow.c", "follow.c", _follow, _follows, ROS2_SOURCES),
+    File("@{name}.h", "controller.h", lambda export: export.code.header_values, copies=SOURCES),
+    File("@{name}.c", "controller.c", lambda export: export.code.source_values, copies=SOURCES),
+    File("@{name}_follow.h", "follow.h", _follow, _follows, SOURCES),
+    File("@{name}_follow.c", "follow.c", _follow, _follows, SOURCES),
     File("@{name}_test.c", "test.c", lambda export: vector_values(export.code, export.runs, export.allowed)),
     File("@{name}_contract.c", "contract.c", lambda export: contract_values(export.code, export.runs[-1])),
     File("@{name}_follow_test.c", "follow_test.c", lambda export: follow_test_values(export.code), _follows),
@@ -103,6 +103,8 @@ FILES: tuple[File[Export], ...] = (
     File("mutants.py", "mutants.jinja"),
     File("safety.md", "safety.md", lambda export: _safety(export)),
     File("CMakeLists.txt", "CMakeLists.txt"),
+    File("library.json", "library.json"),
+    File("arduino/library.properties", "library.properties"),
     File("misra.txt", "misra.txt"),
     File("cortex_m4/board.c", "cortex_m4/board.c"),
     File("cortex_m4/board.ld", "cortex_m4/board.ld"),

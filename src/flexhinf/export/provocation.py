@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from flexhinf.loop import Controller
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
 MOVED, OF_ZERO = 0.01, 1e-3
 
-#: Of the limits of inputs, what is left.
-NARROWER = 0.6
+#: Of the limits of inputs, what is left; and by how much numbers that others are compared with differ.
+NARROWER, APART = 0.6, 0.15
 
 #: Parts of the step's numbers that are moved; of the others, many are exact for the structure that they have.
 MOVED_PARTS = (
@@ -42,6 +42,9 @@ MOVED_PARTS = (
     "balance_input",
 )
 
+#: Parts in which zeros are moved too.
+OTHERWISE_ZERO = ("parameters", "law", "operating_point", "operating_input")
+
 NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
 
 #: What a design may leave unwatched, by an infinite number, and the numbers in its place: the largest following error
@@ -51,9 +54,17 @@ WATCHED_FROM, SWINGS_FROM, SWINGS_MOST = 0.02, 0.005, 5.0
 #: Integrals that push an input beyond any wind-up, in their unit.
 WOUND_UP = 1e4
 
-#: Numbers of a memory up to which each is changed alone, with one row each; of a larger one some behind the estimator's
-#: own; of one that is larger still none.
-MOST_CHANGED, MOST_PLACES, LARGEST = 64, 40, 400
+#: Numbers of a memory up to which each is changed alone, with one row each; and memories in which many are changed.
+MOST_CHANGED, MIXED = 64, 48
+
+#: Share of the numbers that such a memory keeps, of flags that are turned, and of rows whose command rests.
+KEPT, TURNED_FLAGS, STANDING = 0.4, 0.25, 0.5
+
+#: Of its counts that are near to their limits.
+COUNTED = 0.7
+
+#: How far from those of the script its commands and measurements are, and some hard commands; decimals of its numbers.
+COMMANDED, SEEN, HARD, DECIMALS = 0.1, 0.02, 3.0, 3
 
 #: Parts of the step's numbers that are variances, without which pivots of more covariances are zero.
 NOISE_PARTS = ("process_noise", "measurement_noise")
@@ -87,6 +98,9 @@ FAST, RANGE = 300.0, 0.4
 #: What measurements swing by at every row, and where something judges them.
 NOISE, QUIET = 2e-4, 1e-6
 
+#: How far from a limit an input counts as at it, as a share of the room between both limits.
+EDGE = 0.02
+
 #: By how much covariances are changed, relative to the largest; where an end is put that an input is pushed to.
 KICK, AT_END = 1e-3, 0.8
 
@@ -101,6 +115,15 @@ LARGE = 200
 
 #: Rows of each act, and the samples of a swing to and fro: short enough to be one, long enough for the law to answer.
 ROWS, RING = 12, 7
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A memory to go on from, with measurements `y` (K, p) and commands `r` (K, k)."""
+
+    memory: np.ndarray
+    y: np.ndarray
+    r: np.ndarray
 
 
 def provoked(code: ControllerCode, run: Recording) -> Recording:
@@ -143,21 +166,28 @@ def _with_memories(
 ) -> Provocation:
     """With rows in which the controller goes on from other memories; `exact`: whether rounding of the C is that of
     Python. Then some may end in no finite number, and the last ones are without noise."""
-    other = [(memory, EACH) for memory in _memories(controller, exact)]
+
+    def trials(memories: Iterator[np.ndarray], rows: int) -> list[Trial]:
+        return [Trial(memory, one.y[:rows], one.r[:rows]) for memory in memories]
+
+    other = trials(_memories(controller, exact), EACH)
     if not exact:
         return _tried(one, controller, held, other, False)
     with suppress(NumericalFailure):
         met = one.begun(controller)
         one.feed_to(met)
-        other += [(memory, 1) for memory in _singular_memories(controller)]
-        other += [(memory, 1) for memory in _changed_memories(controller, history_of(met).memory.copy())]
+        memory = history_of(met).memory.copy()
+        other += trials(_singular_memories(controller), 1)
+        if memory.size <= MOST_CHANGED:
+            other += trials(_changed_memories(controller, memory), 1)
+        other += _mixed(one, controller, held, memory)
     one = _tried(one, controller, held, other, True)
     noise = [place for name, part in controller.data.places.items() if name in NOISE_PARTS
              for place in range(part.start, part.stop) if one.numbers[place] != 0.0]  # fmt: skip
     if not noise:
         return one
     quiet = replace(one, quiet=len(one.y), noise=tuple(noise))
-    still = _tried(quiet, controller, held, [(memory, 2) for memory in _memories(controller, True)], True)
+    still = _tried(quiet, controller, held, trials(_memories(controller, True), 2), True)
     return still if len(still.y) > len(one.y) else one
 
 
@@ -165,11 +195,11 @@ def _tried(
     one: Provocation,
     controller: Controller,
     held: Callable[[np.ndarray], np.ndarray],
-    other: Sequence[tuple[np.ndarray, int]],
+    other: Sequence[Trial],
     exact: bool,
 ) -> Provocation:
-    """With those memories behind that end alike with both roundings, each for so many rows. One of a single row is
-    given with a measurement and without."""
+    """With those memories behind that end alike with both roundings, each for all rows or for one. One of a single row
+    is given with a measurement and without."""
     places = controller.data.places
     ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
 
@@ -184,9 +214,9 @@ def _tried(
                 one.feed_to(each, one.quiet)
         return both
 
-    def longer(memory: np.ndarray, count: int, measured: bool) -> Provocation:
+    def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
         memories = {**one.memories, len(one.y): memory}
-        y, r = np.vstack([one.y, one.y[:count]]), np.vstack([one.r, one.r[:count]])
+        y, r = np.vstack([one.y, trial.y[:count]]), np.vstack([one.r, trial.r[:count]])
         without = one.unmeasured if measured else (*one.unmeasured, len(one.y))
         if controller.gaps and count == EACH:
             if y.shape[1] > 1:
@@ -196,14 +226,14 @@ def _tried(
         return replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
 
     going = begun()
-    for kept, count in other:
-        memory = held(kept)
+    for trial in other:
+        memory, count = held(trial.memory), len(trial.y)
         last = controller.memory.named(memory).u
         last[...] = np.clip(last, *ends)  # an input that these limits let pass, from which it changes slowly
         for rows, measured in ((count, True), (1, True), (1, False)):
             if (rows == 1 and not exact) or (not measured and not controller.gaps):
                 continue
-            more = longer(memory, rows, measured)
+            more = longer(trial, memory, rows, measured)
             try:
                 codes = [more.feed_to(each, len(one.y)).codes for each in going]
                 if all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0]):
@@ -251,22 +281,74 @@ def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
 
 
 def _changed_memories(controller: Controller, memory: np.ndarray) -> Iterator[np.ndarray]:
-    """A small memory with one number after the other changed: none, its opposite, a little more, and much more; but for
+    """A memory with one number after the other changed: none, its opposite, a little more, and much more; but for
     counts, of which C tells none that cannot be."""
-    belief = controller.memory.places["belief"].stop if "belief" in controller.memory.places else 0
-    is_small = memory.size <= MOST_CHANGED
     counts = {place for name in COUNTS for place in _places(controller, name)}
-    places = sorted(set(range(0 if is_small else belief, memory.size)) - counts)
-    for place in (
-        places[:: 1 if is_small else max(1, len(places) // MOST_PLACES)] if memory.size <= LARGEST else ()
-    ):
+    for place in (place for place in range(memory.size) if place not in counts):
         number = memory[place]
-        others = (0.0, -number, number + OF_ZERO, 10.0 * number + 1.0)
-        for other in others if is_small else others[2:]:
+        for other in (0.0, -number, number + OF_ZERO, 10.0 * number + 1.0):
             if other != number:
                 changed = np.array(memory)
                 changed[place] = other
                 yield changed
+
+
+def _mixed(
+    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray], memory: np.ndarray
+) -> Iterator[Trial]:
+    """Memories with many numbers changed, so that no two are equal and every choice is made in some of them, each with
+    another row; but for counts, and tables and covariances of the estimator."""
+    rng, places = np.random.default_rng(SEED), controller.memory.places
+    fixed = np.zeros(memory.size, dtype=bool)
+    fixed[[place for name in COUNTS for place in _places(controller, name)]] = True
+    sensors, seen = len(controller.measured), places.get("seen", slice(0, 0))
+    fixed[seen.start : min(seen.start + 2 * sensors, seen.stop)] = False  # these count nothing that is told
+    ages = slice(seen.start, min(seen.start + sensors, seen.stop))
+    for part in controller.memory.named(fixed).belief if "belief" in places else ():
+        part[...] |= part.ndim == 2
+    positions = np.array(["position" in name for name in controller.measured], dtype=float)
+    watch, commands = places.get("watch", slice(0)), len(one.r[0])
+    limits = _limits_of_counts(controller, one.numbers, watch.stop - (watch.start or 0))
+    for _ in range(MIXED):
+        changed = memory + rng.choice([OF_ZERO, 0.1, 1.0], memory.size) * rng.standard_normal(memory.size)
+        changed *= np.where(
+            rng.uniform(size=memory.size) < 0.5, 1.0, 1.0 + 0.1 * rng.standard_normal(memory.size)
+        )
+        flags = (memory == 0.0) | (memory == 1.0)
+        turned = rng.uniform(size=memory.size)
+        changed = np.where(
+            flags & (turned < 0.6), np.where(turned < TURNED_FLAGS, 1.0 - memory, memory), changed
+        )
+        changed[ages] = rng.integers(0, 4, ages.stop - ages.start)
+        near = limits - rng.integers(-1, 3, limits.size)
+        counted = np.isfinite(near) & (rng.uniform(size=near.size) < COUNTED)
+        changed[watch] = np.where(counted, near, changed[watch])
+        changed = np.where(fixed | (rng.uniform(size=memory.size) < KEPT), memory, _short(changed))
+        row, other = rng.integers(len(one.y), size=2)
+        y = held(_short(one.y[row] + SEEN * positions * rng.standard_normal(len(positions))))
+        scaled = 1.0 + COMMANDED * rng.standard_normal(commands)
+        added = rng.choice([0.0, COMMANDED, HARD], commands) * rng.standard_normal(commands)
+        r = held(_short(one.r[other] * scaled + added))
+        if "reference" in places and rng.uniform() < STANDING:
+            changed[places["reference"]] = r[: places["reference"].stop - places["reference"].start]
+        yield Trial(changed, y[None], r[None])
+
+
+def _limits_of_counts(controller: Controller, numbers: np.ndarray, size: int) -> np.ndarray:
+    """What each number of the watch (size,) is compared with, infinite where it counts nothing: swings, samples since
+    the last one, and samples at a limit."""
+    if not size:
+        return np.zeros(0)
+    named = controller.data.named(numbers)
+    limits = np.full((5, size // 5), np.inf)
+    limits[2] = named.swings[2]
+    limits[3], limits[4] = np.floor(named.watching[0]), np.floor(named.watching[1])
+    return limits.ravel()
+
+
+def _short(numbers: np.ndarray) -> np.ndarray:
+    """Numbers of few digits, as each of them stands in the text of a test."""
+    return np.round(numbers, DECIMALS)
 
 
 def _places(controller: Controller, name: str) -> list[int]:
@@ -327,22 +409,29 @@ def _other_numbers(
             part = moved[places[name]]
             by = part * (1.0 + MOVED * np.cos(1.0 + np.arange(part.size)))
             moved[places[name]] = np.where(
-                (part == 0.0) & (zeros and name in ("parameters", "law")), OF_ZERO, by
+                (part == 0.0) & (zeros and name in OTHERWISE_ZERO),
+                OF_ZERO * (1.0 + 0.3 * np.cos(np.arange(part.size))),  # no two are equal
+                by,
             )
     if "following" in places:
         part = moved[places["following"]]
         moved[places["following"]] = np.where(np.isposinf(part), WATCHED_FROM, part)
     if "swings" in places:
         edge, smallest, most = moved[places["swings"]].reshape(3, -1)
+        room = moved[places["upper"]] - moved[places["lower"]]
+        edge = edge + np.resize(np.where(np.isfinite(room), EDGE * room, 0.0), edge.size) * (
+            1.0 + np.arange(edge.size)
+        )
         smallest = np.where(np.isposinf(smallest), SWINGS_FROM, smallest)
         most = np.where(np.isposinf(most), SWINGS_MOST, most) + np.arange(most.size)  # it tells which
         moved[places["swings"]] = np.concatenate([edge, smallest, most])
     for name in NARROWED_PARTS:
         if name in places:
-            moved[places[name]] *= NARROWER  # infinite ones stay
+            part = moved[places[name]]
+            part *= NARROWER * (1.0 - APART * (np.arange(part.size) % 3))  # infinite ones stay
     if "governor" in places:
         table = moved[places["governor"]].reshape(-1, len(controller.tracked))
-        table *= 1.0 + MOVED * np.cos(1.0 + np.arange(table.size).reshape(table.shape))
+        table *= 1.0 + APART * np.cos(1.0 + np.arange(table.size).reshape(table.shape))
         at = controller.operating_reference[_tracked(controller)]
         table[3] = np.maximum(table[3], at - RANGE * size * AWAY)
         table[4] = np.minimum(table[4], at + RANGE * size * AWAY)
@@ -403,7 +492,10 @@ def _script(
             side = -away if rings and k % 2 else away
             y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))
             row = command.copy()
-            row += size * astray * np.cos(1.0 + np.arange(row.size) + k * (astray > ASTRAY)) * c.mode.moving
+            moves = 0 if rings else k  # a command that rests, for a limit cycle
+            row += (
+                size * astray * np.cos(1.0 + np.arange(row.size) + moves * (astray > ASTRAY)) * c.mode.moving
+            )
             row[places] += commanded
             r.append(row)
             repeats.append(times)

@@ -43,8 +43,10 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     stop = kept.get("stop")
     return {
         "far": far_values(code),
-        "flips": flips(code, run) if code.real.bytes == 8 else [],
+        "flips": failures(code, run, MOST_FLIPS, -1.0) if code.real.bytes == 8 else [],
         "most_flips": MOST_FLIPS,
+        "nones": failures(code, run, MOST_NONES, math.nan) if code.real.bytes == 8 else [],
+        "most_nones": MOST_NONES,
         "largest": Markup(LARGEST[code.real.name]),
         "eps": float(np.finfo(code.real.kind).eps),
         "commanded": kept["reference"],
@@ -60,22 +62,22 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     }
 
 
-#: How many numbers of a memory get the other sign, one after the other.
-MOST_FLIPS = 64
+#: How many numbers of a memory get the other sign, one after the other, and how many are none.
+MOST_FLIPS, MOST_NONES = 64, 320
 
 
-def flips(code: ControllerCode, run: Recording) -> list[int]:
-    """Whether a step fails (1 or 0) after one number of the memory got the other sign, three samples from the start."""
+def failures(code: ControllerCode, run: Recording, most: int, factor: float) -> list[int]:
+    """Whether a step fails (1 or 0) after one number of the memory was multiplied, three samples from the start."""
     one, y, r = code.controller.fresh(), run.y[0], run.r[0][: code.sizes["r"]]
     command = r if code.controller.commanded else None
     for measured in (y, y, None if code.predicts else y):
         one.step(measured, command)
     memory, failed = history_of(one).memory.copy(), list[int]()
-    for place in range(0, memory.size, 1 + memory.size // MOST_FLIPS):
+    for place in range(0, memory.size, 1 + memory.size // most):
         history = history_of(one)
         history.begin(memory)
         history.waiting = False
-        history.memory[place] = -memory[place]
+        history.memory[place] = factor * memory[place]
         try:
             one.step(y, command)
             failed.append(0)
@@ -101,6 +103,9 @@ def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]
 #: How many numbers are changed one by one, at most; by how much, relative to each.
 MOST_TRIED, CHANGE = 200, 1e-3
 
+#: A number beyond every other one, which nothing but a limit above it refuses.
+HUGE = 1e30
+
 #: What `NAME_check` finds, as the header has it.
 FINE, BEYOND, NOT_PHYSICAL = 0, 1, 2
 
@@ -122,7 +127,7 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
-            values += _beyond_ends(rows[place]) if place in rows else []
+            values += [*_beyond_ends(rows[place]), HUGE] if place in rows else []
         for value in (float(kind(value)) for value in values):
             found.append(
                 (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
@@ -133,15 +138,9 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
 def _beyond_ends(row: Range) -> list[float]:
     """Numbers on either side of each end of a range, which are not equal to it in float either."""
     ends = {end for end in (row.least, row.most, row.low, row.high) if math.isfinite(end)}
-    sizes = [abs(end) for end in ends if abs(end) > 1e-30]
-    zero = min(sizes, default=1.0)  # of an end at 0, or at the smallest number
-    return sorted(
-        {
-            end + side * CHANGE * (abs(end) if abs(end) > 1e-30 else zero)
-            for end in ends
-            for side in (-1.0, 1.0)
-        }
-    )
+    sizes = [abs(end) for end in ends if end != 0.0]
+    zero = min(sizes, default=1.0)  # of an end at 0
+    return sorted({end + side * CHANGE * (abs(end) or zero) for end in ends for side in (-1.0, 1.0)})
 
 
 def _some(places: Sequence[int], most: int) -> list[int]:

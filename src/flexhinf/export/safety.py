@@ -154,20 +154,26 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
     vector, rehearsal = f"`{n}_test.c`", f"`{n}_contract.c`"
     rows = [
         ("inputs are those of the simulation", f"`{n}_step`", f"{vector}, every row"),
-        ("outputs are finite and within the narrower limits, whatever the code", "`limit`, `hold`",
+        ("outputs are finite and within the narrower limits, whatever the code", f"`{n}_limit`, `{n}_hold`",
          f"{rehearsal}: after every step"),
         ("nothing is computed before a start", f"`{n}_step`", f"{rehearsal}: `starts`"),
         ("a start that is not finite is refused", f"`{n}_start`", f"{rehearsal}: `starts`"),
         ("a command that is not finite changes nothing", f"`{n}_sample`", f"{rehearsal}: `samples`"),
-        ("a wrong period is found, where the time between steps is given", "`slipped`", f"{rehearsal}: `periods`"),
+        ("a wrong period is found, where the time between steps is given", f"`{n}_slipped`", f"{rehearsal}: `periods`"),
         ("samples without a measurement end in STOPPED", f"`{n}_step`", f"{rehearsal}: `samples`"),
-        ("an overwritten memory is found, and an earlier one taken", "`went_back`",
+        ("an overwritten memory is found, and an earlier one taken", f"`{n}_went_back`",
          f"{rehearsal}: `overwritten`, `overwritten_parts`, `goes_back`"),
-        ("limits of the caller narrow, and never widen", "`limit`", f"{rehearsal}: `limits`, `wide`"),
+        ("limits of the caller narrow, and never widen", f"`{n}_limit`", f"{rehearsal}: `limits`, `wide`"),
         ("parameters that the design is not for are found", f"`{n}_check`", f"{rehearsal}: `limits`, `checks`"),
         ("flags that change results are refused", f"`{n}_init`, `{n}_exact`", "your build: `make test`"),
         ("bits of the status are set where they must be", f"`{n}_step`", f"{vector}, from row `BEGUN` on"),
     ]  # fmt: skip
+    if code.controller.mode.checks_measurements:
+        rows.append(
+            ("measurements that cannot be are missing", f"`{n}_plausible`", f"{vector}, from row `BEGUN` on")
+        )
+    if "stop" in code.controller.memory.places:
+        rows.append(("a brake ends at path rate 0", f"`{n}_reaction`", f"{vector}, from row `BEGUN` on"))
     if code.standstill is not None:
         rows.append(("rest at a pose", f"`{n}_rest`", f"{rehearsal}: `rests`"))
     if code.slows:

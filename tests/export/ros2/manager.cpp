@@ -214,7 +214,7 @@ void point(Manager * manager, double time, int order, int count, const double * 
   trajectory_msgs::msg::JointTrajectoryPoint made;
   made.time_from_start = duration(time);
   for (int k = 0; k < order; ++k) {
-    auto & row = (k == 0) ? made.positions : (k == 1) ? made.velocities : made.accelerations;
+    auto & row = (k == 0) ? made.positions : (k == 1) ? made.velocities : (k == 2) ? made.accelerations : made.effort;
     row.assign(numbers + k * count, numbers + (k + 1) * count);
   }
   manager->wanted.trajectory.points.push_back(made);

@@ -190,17 +190,32 @@ class Expressions:
         called = written[0].isalpha() and text.endswith(")")
         return Text(written, called or operation.code == casadi.OP_ASSIGN)
 
+    def _is_zero(self, value: int) -> Text:
+        """Whether a value is zero, of which no compiler warns as of ``==``; NaN is not."""
+        return Text(f"fabs{self.real.suffix}({self.number(value).bare}) <= {self._zero}")
+
+    def _are_equal(self, first: int, second: int) -> Text:
+        """Likewise, whether two values are equal."""
+        operation = self.flow.operations[second]
+        if operation.code == casadi.OP_CONST and operation.constant == 0.0:
+            return self._is_zero(first)
+        a, b = self.number(first), self.number(second)
+        return Text(f"({a} <= {b}) && ({a} >= {b})")
+
     def condition(self, value: int) -> Text:
         """Whether a value is not zero."""
         operation = self.flow.operations[value]
         if value in self.flags:
             return Text(self.flags[value], True)
         if operation.code not in TRUTHS or value in self.numbers:
-            return Text(f"{self.number(value)} != {self._zero}")
+            return Text(f"!{self._is_zero(value)}", True)
+        if operation.code in (casadi.OP_EQ, casadi.OP_NE):
+            equal = self._are_equal(*operation.arguments)
+            return Text(f"!{equal}", True) if operation.code == casadi.OP_NE else equal
         if operation.code not in LOGIC:
             return Text(OPERATIONS[operation.code].c.format(*map(self.number, operation.arguments)))
         if operation.code == casadi.OP_NOT and not self._is_truth(operation.arguments[0]):
-            return Text(f"{self.number(operation.arguments[0])} == {self._zero}")
+            return self._is_zero(operation.arguments[0])
         operands = map(self.condition, operation.arguments)
         return Text(OPERATIONS[operation.code].c.format(*operands), operation.code == casadi.OP_NOT)
 

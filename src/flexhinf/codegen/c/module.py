@@ -149,7 +149,8 @@ class Translator:
                 turn = self._body(step.body, [*loops, counter])
                 yield from loop(counter, step.count, turn) if step.count > 1 else turn
             elif isinstance(step, When):
-                head = f"if ({algebra.element(self._at(step.flag, loops))} != {constant(0.0, self.real)}) {{"
+                flag, zero = algebra.element(self._at(step.flag, loops)), constant(0.0, self.real)
+                head = f"if (!(fabs{self.real.suffix}({flag}) <= {zero})) {{"
                 yield from block(head, self._body(step.body, loops))
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()

@@ -25,6 +25,12 @@ typedef char @{name}_type_of_constants[(sizeof(1.0@{f}) == @{bytes} && sizeof(@{
 #pragma fp_contract(off)
 #endif
 
+/* Whether two numbers are the same. */
+static int @{name}_is(@{real} one, @{real} other)
+{
+    return (one >= other && one <= other) ? 1 : 0;
+}
+
 /* Whether the program computes so: what a compiler may change with flags for which it defines no macro (clang: those of
  * -funsafe-math-optimizations, -ffp-contract=fast, -fno-honor-nans), and what a processor may be set to (numbers below
  * the normal ones as 0, directed rounding), gives another answer here. Nothing of it is known before it runs. */
@@ -48,15 +54,15 @@ static int @{name}_exact(void)
     computed[2] = least * half;
     const @{real} ratio = computed[0], square = computed[1], tiny = computed[2];
     int wrong = 0;
-    wrong += (one + small == one) ? 0 : 1;                      /* to nearest */
-    wrong += (one - small / 4.0@{f} == one) ? 0 : 1;                /* to its own type */
-    wrong += ((one + small) - one == 0.0@{f}) ? 0 : 1;              /* not in another order */
-    wrong += ((one - step) - one == -step) ? 0 : 1;
-    wrong += ((one + step) * (again + step) - square == 0.0@{f}) ? 0 : 1; /* products rounded before sums */
-    wrong += (five / 6.0@{f} == ratio) ? 0 : 1;                     /* no product with a reciprocal */
+    wrong += (@{name}_is(one + small, one) != 0) ? 0 : 1;                      /* to nearest */
+    wrong += (@{name}_is(one - small / 4.0@{f}, one) != 0) ? 0 : 1;                /* to its own type */
+    wrong += (@{name}_is((one + small) - one, 0.0@{f}) != 0) ? 0 : 1;              /* not in another order */
+    wrong += (@{name}_is((one - step) - one, -step) != 0) ? 0 : 1;
+    wrong += (@{name}_is((one + step) * (again + step) - square, 0.0@{f}) != 0) ? 0 : 1; /* products rounded before sums */
+    wrong += (@{name}_is(five / 6.0@{f}, ratio) != 0) ? 0 : 1;                     /* no product with a reciprocal */
     wrong += (copysign@{f}(one, zero + 0.0@{f}) > 0.0@{f}) ? 0 : 1;     /* zeros with signs */
     wrong += (tiny > 0.0@{f}) ? 0 : 1;                              /* numbers below the normal ones */
-    wrong += (tiny + tiny == least) ? 0 : 1;
+    wrong += (@{name}_is(tiny + tiny, least) != 0) ? 0 : 1;
     wrong += (isfinite(nan) == 0) ? 0 : 1;
     wrong += (isnan(nan) != 0) ? 0 : 1;
     wrong += (nan <= one) ? 1 : 0;

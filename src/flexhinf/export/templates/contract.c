@@ -75,9 +75,21 @@ static int holds(int expected)
     return right;
 }
 
-/* A start forgets all that is counted. */
+/* Whether the memories to go back to are those of the start. */
+static int from_start(void)
+{
+    int same = 1;
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+        same = same && state.newer[i] >= state.start[i] && state.newer[i] <= state.start[i];
+        same = same && state.older[i] >= state.start[i] && state.older[i] <= state.start[i];
+    }
+    return same;
+}
+
+/* A start forgets all that is counted, and all that was remembered. */
 static void begun(void)
 {
+    expect(from_start(), "earlier memories that are those of the start");
     expect(state.missing == 0 && state.failed == 0 && state.began_again == 0 && state.samples == 0, "counts that begin");
     expect(state.slip >= 0 && state.slip <= 0 && state.waiting == 1 && state.refused == 0, "a start from nothing");
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
@@ -231,6 +243,12 @@ static void samples(void)
             expect(holds(@{NAME}_BAD_COMMAND), "BAD_COMMAND again");
         }
         expect(holds((param.missing_limit > 0) ? @{NAME}_STOPPED : @{NAME}_BAD_COMMAND), "too many bad commands");
+        give();
+        expect(step() == @{NAME}_OK, "OK after a bad command");
+        param.missing_limit = 1;
+        input.r[0] = (@{name}_real)NAN;
+        expect(holds(@{NAME}_BAD_COMMAND) && holds(@{NAME}_STOPPED), "as many bad commands as I say");
+        param.missing_limit = @{name}_defaults.missing_limit;
         give();
         expect(step() == @{NAME}_OK, "OK after a bad command");
     }
@@ -476,6 +494,24 @@ static void other_numbers(void)
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
 }
 
+{% if nones %}
+/* One number of the memory after the other is none: a step fails, or does not read it. */
+static void one_is_none(void)
+{
+    static const int fails[@{nones | length}] = {
+@{in_lines(nones)}
+    };
+    enum { PLACES = 1 + @{NAME}_MEMORY / @{most_nones} };
+    for (int i = 0; i < @{NAME}_MEMORY; i += PLACES) {
+        expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+        some_steps();
+        state.memory[i] = (@{name}_real)NAN;
+        expect((step() == @{NAME}_BAD_RESULT) == (fails[i / PLACES] != 0), "BAD_RESULT where a number of the memory is none");
+    }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+}
+
+{% endif %}
 /* Some time after the start the memory goes back to an earlier one, and soon after it to the start, with the command of
  * before{% if brakes %}; a brake under way goes on{% endif %}. */
 static void goes_back(void)
@@ -516,6 +552,7 @@ static void goes_back(void)
                 same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
             }
             expect(same, "the memory of an earlier sample");
+            expect(from_start(), "earlier memories that are those of the start");
             give();
             expect(step() == @{NAME}_OK, "OK from an earlier memory");
         }
@@ -778,6 +815,9 @@ int main(void)
     overwritten((@{name}_real)HUGE_VAL);
     overwritten_parts();
     other_numbers();
+{% if nones %}
+    one_is_none();
+{% endif %}
     goes_back();
     periods();
     limits();

@@ -24,7 +24,7 @@
 #define FMA(a, b, c) (((a) * (b)) + (c))
 #endif
 
-typedef @{name}_real real;
+#define real @{name}_real
 
 const char @{name}_version[] = "@{version}";
 const char @{name}_digest[] = "@{digest}";
@@ -394,7 +394,6 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
             @{name}_copy(state->newer, state->older, @{NAME}_MEMORY);
             @{name}_copy(state->memory, state->newer, @{NAME}_MEMORY);
             state->began_again = 0;
-            state->samples = 0;
         }
     } else if (code == @{NAME}_BAD_RESULT) {
         code = went_back(state);

@@ -156,7 +156,9 @@ typedef struct {
     unsigned int mark;
 } @{name}_state;
 
-/* Forget everything: {% if code.predicts %}the estimate begins at the state that is stated with the constants @{NAME}_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs may be as large as their limits. Call @{name}_start where it is elsewhere{% else %}the state is what is measured{% endif %}. Until there is a good measurement the output is the input before the first sample: @{c.first_input.text}.
+/* Pointers lead to objects of the caller. None is checked: only those may be null of which it is said.
+ *
+ * Forget everything: {% if code.predicts %}the estimate begins at the state that is stated with the constants @{NAME}_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs may be as large as their limits. Call @{name}_start where it is elsewhere{% else %}the state is what is measured{% endif %}. Until there is a good measurement the output is the input before the first sample: @{c.first_input.text}.
  *
  * Returns @{NAME}_OK; or @{NAME}_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
  * makes other numbers of what is written: then every step returns that too, and holds the output of the start.

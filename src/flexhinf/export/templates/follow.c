@@ -12,7 +12,7 @@
 #define SAMPLES @{NAME}_FOLLOW_SAMPLES
 #define SMOOTHING @{number(smoothing)}
 
-typedef @{name}_real scalar;
+#define scalar @{name}_real
 
 const @{name}_follow_options @{name}_follow_defaults = {
     {{@{row(usual[0, 0])}}, {@{row(usual[0, 1])}}},

@@ -92,7 +92,9 @@ typedef struct {
     int newest, has_next, active, segment, left;
 } @{name}_follow_state;
 
-/* Rest at link positions q, without a goal. Returns @{NAME}_OK; @{NAME}_BAD_COMMAND where a number is not finite; or
+/* Pointers lead to objects of the caller. None is checked, and none may be null but the points of a goal without any.
+ *
+ * Rest at link positions q, without a goal. Returns @{NAME}_OK; @{NAME}_BAD_COMMAND where a number is not finite; or
  * @{NAME}_BAD_ARITHMETIC where a flag of the compiler changes what is computed. */
 int @{name}_follow_init(@{name}_follow_state *state, const @{name}_real *q);
 

@@ -11,5 +11,5 @@ static int @{name}(const @{R} *numbers, int count)
     for (int i = count - count % 4; i < count; ++i) {
         a = FMA(numbers[i], @{zero}, a);
     }
-    return ((a + b) + (c + d) == @{zero}) ? 1 : 0;
+    return (fabs@{f}((a + b) + (c + d)) <= @{zero}) ? 1 : 0;
 }

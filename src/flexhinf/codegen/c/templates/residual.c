@@ -21,7 +21,7 @@ static void @{name}(const @{R} *rows, const @{R} *slope, @{R} *target, int count
 #endif
                 }
             }
-            target[q * p + i] = (low - low == @{zero}) ? high + low : high;
+            target[q * p + i] = (fabs@{f}(low - low) <= @{zero}) ? high + low : high;
         }
     }
 }
