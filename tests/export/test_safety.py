@@ -93,12 +93,12 @@ def test_a_rule_is_checked_or_has_a_word() -> None:
 
 @pytest.mark.ci("compiles an export some sixty times")
 def test_changes_of_the_source_are_noticed(folder: Path, compiler: str) -> None:
-    """Forty of some two thousand changes, whose share scatters by 6 %; the page has that of more."""
+    """Forty of some two thousand changes; the page has the share of more."""
     words = [sys.executable, "mutants.py", "--most", "40", "--seed", "7"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     found = re.search(r"arm.c: (\d+) of (\d+) changes noticed", done.stdout)
     assert found is not None, done.stdout + done.stderr
-    assert int(found[1]) >= 0.75 * int(found[2]) > 10
+    assert int(found[1]) >= 0.85 * int(found[2]) > 10
     assert (folder / "mutants.txt").exists()
 
 
