@@ -32,7 +32,8 @@ from flexhinf.certify.checker.statements import check_observer, check_start, pro
 from flexhinf.certify.claim import Claim, Function, Observer, PolynomialTerms, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
-from flexhinf.notebook import Summarised, number_text
+from flexhinf.notebook import Summarised
+from flexhinf.numerals import number_text
 from flexhinf.processors import thread_count
 from flexhinf.validation import checked_path, read_text, value_text
 

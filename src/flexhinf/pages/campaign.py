@@ -29,6 +29,7 @@ from flexhinf.design.campaign_folder import (
 )
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
+from flexhinf.numerals import number
 from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.campaign_numbers import (
     METRIC_LABELS,
@@ -90,7 +91,6 @@ from flexhinf.report import (
     house_style,
     legend,
     new_figure,
-    number,
     quantile_band,
 )
 from flexhinf.robot.parts import file_warnings

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, Interval, Requirement
-from flexhinf.report import number
+from flexhinf.numerals import number
 
 #: Labels of metrics in sentences; others are written with spaces.
 METRIC_LABELS = {

@@ -27,6 +27,7 @@ from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow, verdic
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
+from flexhinf.numerals import number
 from flexhinf.pages.campaign_numbers import (
     display_scale,
     in_degrees,
@@ -55,7 +56,6 @@ from flexhinf.report import (
     Table,
     house_style,
     label,
-    number,
     panels,
 )
 

@@ -24,6 +24,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.numerals import at_least, at_most, number, short_numbers
 from flexhinf.pages.design.region import rule_text
 from flexhinf.pages.drawing import (
     DASHED,
@@ -56,12 +57,9 @@ from flexhinf.report import (
     Settings,
     Status,
     Table,
-    at_least,
-    at_most,
     house_style,
     legend,
     new_figure,
-    number,
 )
 
 #: Names of a peak input, by its unit.
@@ -236,7 +234,10 @@ def _theorem(claim: Certificate) -> list[Section]:
     for title, lines in parts.items():
         blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
         if title == "Proved":  # with numbers of its own, by which the rest names it
-            blocks = [Paragraph(_set(line)) for line in lines]
+            blocks = [Paragraph(_set(_shortened(line))) for line in lines]
+            blocks.append(
+                Paragraph("Numbers have six digits here, bounds rounded to the safe side; the file has all.")
+            )
         # Equations in a table, R2, the law and V as they can be copied, then the rest.
         if title == "Hypotheses":
             rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
@@ -256,6 +257,13 @@ def _theorem(claim: Certificate) -> list[Section]:
             Section(title, blocks, "author" if title == AUTHOR else title.lower().replace(" ", "-"))
         )
     return sections
+
+
+def _shortened(text: str) -> str:
+    """A statement with numbers of six digits: of the level rounded down, of the gain rounded up."""
+    for sign, rounded in (("V <= ", at_least), ("gamma = ", at_most)):
+        text = re.sub(rf"(?<={sign})\d[\d.]*\d", lambda match: rounded(float(match[0]), 6), text)
+    return short_numbers(text)
 
 
 def _set(text: str) -> str:

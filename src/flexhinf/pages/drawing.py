@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.copies import shared_out
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.numerals import number
 from flexhinf.plant import Plant
 from flexhinf.report import (
     INK,
@@ -28,7 +29,6 @@ from flexhinf.report import (
     house_style,
     label,
     legend,
-    number,
     panels,
 )
 from flexhinf.robot import Robot

@@ -19,6 +19,7 @@ from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, TOLERANCE
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
@@ -48,7 +49,6 @@ from flexhinf.report import (
     Status,
     Table,
     house_style,
-    number,
 )
 from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.actuators import published_gears, published_joints

@@ -20,6 +20,7 @@ from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentil
 from flexhinf.loop import Status
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.design.overview import HEIGHT, arm_picture
 from flexhinf.pages.drawing import (
     DASHED,
@@ -58,7 +59,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
     to_json,
 )
 from flexhinf.robot.signals import signal_names

@@ -14,6 +14,7 @@ from flexhinf.design.responses import ROBOT
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
+from flexhinf.numerals import number
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import Units, effort_text, listed
 from flexhinf.report import Setting
@@ -33,7 +34,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
         ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
         ("tuned for", criterion.text, "", "ours"),
         *(
-            (x.label, f"{'≥' if x.at_least else '≤'} {x.value:.4g}", x.unit, x.origin)
+            (x.label, f"{'≥' if x.at_least else '≤'} {number(x.value)}", x.unit, x.origin)
             for x in criterion.limits
         ),
         ("limit beside margins and noise", criterion.mode, "", "option --tune"),
@@ -95,7 +96,7 @@ def robot_rows(robot: Robot) -> Rows:
         *(
             (
                 name.replace("_", " "),
-                f"{p.value:g}{spreads[name]}".rstrip(),
+                f"{number(p.value, 6)}{spreads[name]}".rstrip(),
                 "" if p.unit == "1" else p.unit,
                 p.source,
             )

@@ -29,6 +29,7 @@ from flexhinf.design.workspace.setup import (
     pose_limits,
 )
 from flexhinf.loop.simulation.metrics import WINDOW, peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
     Line,
@@ -70,7 +71,6 @@ from flexhinf.report import (
     Table,
     finite,
     house_style,
-    number,
 )
 from flexhinf.robot.waypoints import LIMITS
 

@@ -18,6 +18,7 @@ from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
 from flexhinf.design.workspace.search import motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import Units, count_text, listed
 from flexhinf.pages.page import requirement_table, requirements_text
 from flexhinf.pages.settings import damping_text
@@ -28,7 +29,7 @@ from flexhinf.pages.terminal import (
     requirements_screen,
     tolerances_text,
 )
-from flexhinf.report import KeyNumber, Table, number
+from flexhinf.report import KeyNumber, Table
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import INNER
 from flexhinf.robot.kinematics import heavy_motors

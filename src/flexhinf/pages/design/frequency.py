@@ -12,6 +12,7 @@ from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -28,7 +29,14 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.pages.settings import damping_text
-from flexhinf.report import INK, MUTED, Column, Figure, Paragraph, Table, number
+from flexhinf.report import (
+    INK,
+    MUTED,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+)
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3

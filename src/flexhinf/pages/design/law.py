@@ -12,6 +12,7 @@ from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidLoop
 from flexhinf.design.specification import RINGS
+from flexhinf.numerals import number
 from flexhinf.pages.design.step import spring_torques, stiffness_of
 from flexhinf.pages.drawing import (
     DOTTED,
@@ -29,7 +30,16 @@ from flexhinf.pages.drawing import (
     thin,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, finite, number
+from flexhinf.report import (
+    MUTED,
+    SERIES,
+    Column,
+    Figure,
+    Listing,
+    Paragraph,
+    Table,
+    finite,
+)
 from flexhinf.robot.modes import Mode
 from flexhinf.scalars.spectral import damping_ratio
 

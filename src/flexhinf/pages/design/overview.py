@@ -12,6 +12,7 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Move, Response
+from flexhinf.numerals import number
 from flexhinf.pages.arm_film import film_of
 from flexhinf.pages.design.step import arm_plane, input_panel, instants
 from flexhinf.pages.drawing import (
@@ -34,7 +35,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
     panels,
     settling_band,
 )

@@ -24,6 +24,7 @@ from flexhinf.design.responses import LoadResponse
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, tail_of
 from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.numerals import number
 from flexhinf.pages.design.step import input_panel, motion_table, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
@@ -39,7 +40,15 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite, number
+from flexhinf.report import (
+    MUTED,
+    SERIES,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+    finite,
+)
 from flexhinf.robot import Weighing
 from flexhinf.robot.elastic import DRY
 from flexhinf.robot.parameters import payload_masses

@@ -13,6 +13,7 @@ from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.specification import ESTIMATED_BY
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -46,7 +47,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
     panels,
     quantile_band,
     settling_band,
