@@ -99,12 +99,12 @@ def without_noise(value: float, limit: float) -> float:
     return 0.0 if abs(value) < NOISE * abs(limit) < math.inf else value
 
 
-def interval_text(low: float, high: float) -> str:
+def ends_text(low: float, high: float) -> str:
     """Both ends of an interval, with as many decimals as tell them apart by two digits.
 
     Examples
     --------
-    >>> interval_text(99.99993, 100.00724), interval_text(0.5, 2.0), interval_text(92.701, 92.701)
+    >>> ends_text(99.99993, 100.00724), ends_text(0.5, 2.0), ends_text(92.701, 92.701)
     ('99.9999 to 100.0072', '0.5 to 2', '92.7')
     """
     width = high - low

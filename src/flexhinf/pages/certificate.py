@@ -262,7 +262,8 @@ def _theorem(claim: Certificate) -> list[Section]:
 def _shortened(text: str) -> str:
     """A statement with numbers of six digits: of the level rounded down, of the gain rounded up."""
     for sign, rounded in (("V <= ", at_least), ("gamma = ", at_most)):
-        text = re.sub(rf"(?<={sign})\d[\d.]*\d", lambda match: rounded(float(match[0]), 6), text)
+        for digits in set(re.findall(rf"(?<={sign})\d[\d.]*\d", text)):
+            text = text.replace(f"{sign}{digits}", f"{sign}{rounded(float(digits), 6)}")
     return short_numbers(text)
 
 

@@ -342,8 +342,9 @@ def _frequency(comparison: Comparison) -> list[Any]:
     others = sorted((law for law in laws if law.name not in (DESIGN, NL_HINF)), key=lambda law: law.cost)[:3]
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
     loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in always + others]
-    units = comparison.units()
-    return frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"])
+    assert comparison.own.evaluation is not None
+    compliance = units_of(comparison.own.evaluation).compliance
+    return frequency_figures(loops, comparison.robot.joint_names, compliance)
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
@@ -474,7 +475,7 @@ def unit_of(metric: LawMetric, comparison: Comparison) -> str:
 def small_of(comparison: Comparison) -> tuple[str, float]:
     """Unit of small deviations of links, and the factor to it: as on the page of the design itself."""
     assert comparison.own.evaluation is not None
-    return units_of(comparison.own.evaluation).small
+    return units_of(comparison.own.evaluation).smallest
 
 
 def _prefix(metric: LawMetric, comparison: Comparison) -> tuple[str, float]:

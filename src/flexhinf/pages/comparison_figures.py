@@ -184,7 +184,7 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         return None
     evaluation = comparison.own.evaluation
     assert evaluation is not None
-    small, scale = units_of(evaluation).small
+    small, scale = units_of(evaluation).smallest
     points = np.array([(law.metrics.peak_input, scale * law.metrics.load_deviation) for law in finite])
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()

@@ -16,7 +16,7 @@ from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.identification.explanations import Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
-from flexhinf.numerals import interval_text, number
+from flexhinf.numerals import ends_text, number
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
@@ -119,7 +119,7 @@ def _undecided_texts(found: Identification) -> Iterator[str]:
     for name, value in found.values.items():
         others = [each.values[name] for each in found.undecided]
         if name not in found.hidden:
-            ranges.append(f"{signal_label(name)} {interval_text(min(value, *others), max(value, *others))}")
+            ranges.append(f"{signal_label(name)} {ends_text(min(value, *others), max(value, *others))}")
     yield (
         f"The log is too short to tell whether {' or '.join(texts)}: it is as likely then. Depending on that, the most "
         f"likely numbers are {listed(ranges)}; the intervals hold all of them. A longer log, or one that moves more, "
@@ -253,7 +253,7 @@ def identified_table(result: IdentifiedRobot) -> Table:
                 signal_label(name),
                 f"{number(stated.value, 5)} {stated.unit}".rstrip(),
                 f"{number(value, 5)} {stated.unit}".rstrip() if clear else "",
-                interval_text(low, high) if clear else "",
+                ends_text(low, high) if clear else "",
                 f"{number(share, 2)} %" if np.isfinite(share) else "",
                 Cell("no", "yellow")
                 if not clear
@@ -443,7 +443,7 @@ def identified_page(
             result.stated[name].unit,
             "as stated; not told by the log"
             if name in found.hidden
-            else f"95 %: {interval_text(*found.intervals[name])}",
+            else f"95 %: {ends_text(*found.intervals[name])}",
         )
         for name, value in list(found.values.items())[:4]
     ]

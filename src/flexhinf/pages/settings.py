@@ -127,7 +127,8 @@ def loop_rows(setup: LoopPlants) -> Rows:
     )
     peaked = not np.array_equal(bounds[0], limits.saturation)
     sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
-    inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    inputs = units.effort_text(bounds[0]) if np.isfinite(bounds[0]).any() else "none"
+    speeds = effort_text(bounds[1]) if np.isfinite(bounds[1]).any() else "none"
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if setup.quantisation is None else np.atleast_1d(setup.quantisation).tolist()
     return [
@@ -140,10 +141,10 @@ def loop_rows(setup: LoopPlants) -> Rows:
             "",
             source_of(s, "quantisation"),
         ),
-        ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
+        ("limits of the inputs", inputs, "", stated[0]),
         ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
         *(
-            (f"limits of the inputs' {name}s", effort_text(most), f"{units.effort}, per {time}", ROBOT)
+            (f"limits of the inputs' {name}s", units.effort_text(most), f"per {time}", ROBOT)
             for name, most, time in (("rate", limits.rate, "s"), ("acceleration", limits.acceleration, "s²"))
             if np.isfinite(most).any()
         ),

@@ -227,7 +227,7 @@ def _figure(comparison: WorkspaceComparison) -> Any:
     """Tracking errors of all moves, in ascending order."""
     judged, lines, limit = comparison.own.judged, [], None
     assert judged is not None
-    small, factor = units_in(judged).small
+    small, factor = units_in(judged).smallest
     for k, row in enumerate(comparison.compared):
         if row.judged is None:
             continue

@@ -45,8 +45,9 @@ def prose(text: str) -> str:
 
 
 def unit_html(unit: str) -> str:
-    """A unit after a number or a name; nothing without one."""
-    return f' <span class="unit">{escape(unit)}</span>' if unit else ""
+    """A unit after a number or a name, degrees without a space; nothing without one."""
+    space = "" if unit.startswith("°") else " "
+    return f'{space}<span class="unit">{escape(unit)}</span>' if unit else ""
 
 
 def scalar(value: object, decimals: int | None = None) -> str:
