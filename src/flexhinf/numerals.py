@@ -16,6 +16,9 @@ DIGITS = 10
 #: Digits of a number within a text that was not written for reading.
 SHORT = 6
 
+#: Numbers below this one have no power of ten, however few digits they have.
+WHOLE = 1e5
+
 #: A value below this share of its limit is rounding noise, and is written as 0.
 NOISE = 1e-9
 
@@ -30,8 +33,8 @@ def number(value: Real | float, digits: int = 4, decimals: int | None = None) ->
 
     Examples
     --------
-    >>> number(-0.123456), number(12), number(3.2e-7), number(float("inf")), number(2.0, decimals=2)
-    ('−0.1235', '12', '3.2·10⁻⁷', '∞', '2.00')
+    >>> number(-0.123456), number(2271.3, 3), number(3.2e-7), number(float("inf")), number(2.0, decimals=2)
+    ('−0.1235', '2270', '3.2·10⁻⁷', '∞', '2.00')
     """
     if isinstance(value, Integral):
         return str(int(value)).replace("-", "−")
@@ -39,6 +42,8 @@ def number(value: Real | float, digits: int = 4, decimals: int | None = None) ->
     if not math.isfinite(x):
         return "not a number" if math.isnan(x) else "∞" if x > 0 else "−∞"
     written = f"{x:.{digits}g}" if decimals is None else f"{x:z.{decimals}f}"
+    if decimals is None and abs(float(written)) < WHOLE:
+        written = written if "e-" in written else f"{float(written):.15g}"
     if "e" in written:
         mantissa, _, power = written.partition("e")
         raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -128,6 +133,20 @@ def short_numbers(text: str, digits: int = SHORT) -> str:
         return number(float(match[0]), digits)
 
     return _DECIMAL.sub(written, text)
+
+
+def short_bounds(text: str, lower: str, upper: str) -> str:
+    """As `short_numbers`; a number behind `lower` is rounded down, and one behind `upper` up.
+
+    Examples
+    --------
+    >>> short_bounds("V <= 503.5524866 with gamma = 86.80727131", "V <= ", "gamma = ")
+    'V <= 503.552 with gamma = 86.8073'
+    """
+    for sign, rounded in ((lower, at_least), (upper, at_most)):
+        for digits in set(re.findall(rf"(?<={re.escape(sign)})\d[\d.]*\d", text)):
+            text = text.replace(f"{sign}{digits}", f"{sign}{rounded(float(digits), SHORT)}")
+    return short_numbers(text)
 
 
 def stated_number(value: float) -> str:

@@ -530,9 +530,8 @@ def verification_text(verification: Verification) -> str:
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
     """A number with at most six digits, rounded down so that the statement holds."""
-    if len(Decimal(repr(value)).as_tuple().digits) <= _DIGITS:
-        return f"{value:.{_DIGITS}g}"
-    return f"{Context(prec=_DIGITS, rounding=rounding).create_decimal(Decimal(value)):g}"
+    few = len(Decimal(repr(value)).as_tuple().digits) <= _DIGITS
+    return f"{value if few else Context(_DIGITS, rounding).create_decimal(Decimal(value)):.{_DIGITS}g}"
 
 
 def _up(value: float) -> str:

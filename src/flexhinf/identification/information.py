@@ -114,9 +114,9 @@ class Information:
         rows: list[Unidentifiable] = []
         strengths = 1.0 / self._modes[0]  # 0 where nothing tells the combination
         for direction in _apart(self._modes[1].T[~self._identifiable]):
-            told = float(strengths @ (self._modes[1].T @ direction) ** 2)
+            strength = float(strengths @ (self._modes[1].T @ direction) ** 2)
             named = {name: float(s) for name, s in zip(self.names, direction) if abs(s) > SHARE}
-            rows.append(Unidentifiable(named, told**-0.5 if told > 0.0 else np.inf))
+            rows.append(Unidentifiable(named, strength**-0.5 if strength > 0.0 else np.inf))
         named = {name for row in rows for name in row.direction}
         unclear = [name for name, clear in zip(self.names, self.clear) if not clear and name not in named]
         return (*rows, *(Unidentifiable({name: 1.0}, np.inf, elsewhere=True) for name in unclear))

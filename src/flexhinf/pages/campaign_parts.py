@@ -329,7 +329,8 @@ def write_pair(result: DesignPair) -> Path:
         Page(
             f"Two designs on the same robots “{result.a.request.robot.name}”",
             f"{result.paired.count} robots, each with its own measurement noise, run twice for "
-            f"{short_numbers(settings['duration'])} s: with the controller A of {result.names[0]} and with the controller B of {result.names[1]}.",
+            f"{short_numbers(settings['duration'])} s: with the controller A of {result.names[0]} and "
+            f"with the controller B of {result.names[1]}.",
             pair_verdict(result), (Section("A against B", blocks, "pair", True),),
             Settings({"Samples": stated}), Provenance(shlex.join(result.command), int(settings["seed"])),
             [

@@ -24,7 +24,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
-from flexhinf.numerals import at_least, at_most, number, short_numbers
+from flexhinf.numerals import at_least, at_most, number, short_bounds
 from flexhinf.pages.design.region import rule_text
 from flexhinf.pages.drawing import (
     DASHED,
@@ -234,9 +234,9 @@ def _theorem(claim: Certificate) -> list[Section]:
     for title, lines in parts.items():
         blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
         if title == "Proved":  # with numbers of its own, by which the rest names it
-            blocks = [Paragraph(_set(_shortened(line))) for line in lines]
+            blocks = [Paragraph(_set(short_bounds(line, "V <= ", "gamma = "))) for line in lines]
             blocks.append(
-                Paragraph("Numbers have six digits here, bounds rounded to the safe side; the file has all.")
+                Paragraph("Numbers have six digits, bounds rounded to the safe side; the file has all.")
             )
         # Equations in a table, R2, the law and V as they can be copied, then the rest.
         if title == "Hypotheses":
@@ -253,18 +253,9 @@ def _theorem(claim: Certificate) -> list[Section]:
                 Bullets(tuple(others[1:])),
                 *(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))) for line in formulas),
             ]  # fmt: skip
-        sections.append(
-            Section(title, blocks, "author" if title == AUTHOR else title.lower().replace(" ", "-"))
-        )
+        anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
+        sections.append(Section(title, blocks, anchor))
     return sections
-
-
-def _shortened(text: str) -> str:
-    """A statement with numbers of six digits: of the level rounded down, of the gain rounded up."""
-    for sign, rounded in (("V <= ", at_least), ("gamma = ", at_most)):
-        for digits in set(re.findall(rf"(?<={sign})\d[\d.]*\d", text)):
-            text = text.replace(f"{sign}{digits}", f"{sign}{rounded(float(digits), 6)}")
-    return short_numbers(text)
 
 
 def _set(text: str) -> str:

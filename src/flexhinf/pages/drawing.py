@@ -341,8 +341,8 @@ class Units:
             for row in rows:
                 value = row.get(column.key)
                 if value is not None and np.isfinite(value):
-                    shown = self.factor_of(column.scale, row["joint"]) * value
-                    row[column.key] = self.text(shown, column.unit, row["joint"], column.digits or 4)
+                    scaled = self.factor_of(column.scale, row["joint"]) * value
+                    row[column.key] = self.text(scaled, column.unit, row["joint"], column.digits or 4)
         return whole, rows
 
 

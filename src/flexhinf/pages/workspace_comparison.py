@@ -151,7 +151,7 @@ def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
         worst = row.missed[0].converted(degrees) if row.missed else None
         verdict = "met"
         if worst is not None:
-            verdict = f"{len(row.missed)} missed: {worst.what} {worst.found_text}, {worst.limit_text}"
+            verdict = f"{len(row.missed)} missed: {worst.what} {worst.value_text}, {worst.limit_text}"
         measured = () if row.judged is None else row.judged.specification.measured
         speed = "–" if row.bandwidth is None else number(row.bandwidth, 3)
         errors = [_cell(row.worst(what), degrees) for what in heads]

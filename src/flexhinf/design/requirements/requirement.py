@@ -75,7 +75,7 @@ class Requirement:
         return f"{'≤' if self.at_most else '≥'} {number(self.limit, 3)}{self.unit_text(self.limit)}"
 
     @property
-    def found_text(self) -> str:
+    def value_text(self) -> str:
         """The value with its unit."""
         if np.isinf(self.found):
             return "diverges" if (self.found > 0.0) is self.at_most else "unlimited"
@@ -86,10 +86,10 @@ class Requirement:
     def achieved_text(self) -> str:
         """The value with its unit, the joint and time of the worst one, and what else is known of it."""
         if np.isinf(self.found):
-            return self.found_text
+            return self.value_text
         places = [self.joint, "" if self.at is None else f"at {number(self.at, 3)} s", self.detail]
         where = f" ({', '.join(filter(None, places))})" if any(places) else ""
-        return f"{self.found_text}{where}"
+        return f"{self.value_text}{where}"
 
     @property
     def text(self) -> str:

@@ -87,7 +87,7 @@ def _step(e: LawEvaluation) -> Figure:
     settling_band(upper, goal, float(size))
     label(upper, "share of the way" if several else "link position", "%" if several else units.angle)
     legend(upper)
-    _until_rest(upper, e)
+    _end_after_settling(upper, e)
     panel, _ = input_panel(e, response)
     plain: Any = [(value, color, None) for value, color, _ in panel.dashed]
     Panel(
@@ -107,7 +107,7 @@ def _step(e: LawEvaluation) -> Figure:
     )
 
 
-def _until_rest(axes: Any, e: LawEvaluation) -> None:
+def _end_after_settling(axes: Any, e: LawEvaluation) -> None:
     """End the time axis some time after the last robot has settled, where all of them do."""
     times = [e.step.settling.value, *([] if e.step_samples is None else e.step_samples.settling.tolist())]
     end = float(e.step.run.time[-1])
