@@ -14,7 +14,14 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design.requirements import Requirement
-from flexhinf.notebook import StatedRepr, Summarised, names_text, number_text, stated_text, table_html
+from flexhinf.notebook import (
+    StatedRepr,
+    Summarised,
+    names_text,
+    stated_text,
+    table_html,
+)
+from flexhinf.numerals import number_text
 from flexhinf.pages.pictures import robot_picture
 
 LONGEST = 600  # characters of a repr: a few lines of a terminal

@@ -9,15 +9,13 @@ from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
+from flexhinf.numerals import stated_number
 from flexhinf.validation import late_package
 
 if TYPE_CHECKING:
     import numpy as np
 else:
     np = late_package("numpy")
-
-#: Digits of a number that a user stated: enough for every number that is written, too few for 0.1 + 0.2.
-DIGITS = 10
 
 #: The longest array whose numbers stand in a text.
 LONGEST_ARRAY = 12
@@ -54,7 +52,7 @@ class Pictured(Summarised):
 class StatedRepr:
     """Base of dataclasses that a user writes: their text has the fields that are not as by default.
 
-    Numbers have `DIGITS` digits; longer arrays are their shape. It needs ``@dataclass(repr=False)``.
+    Numbers have ten digits; longer arrays are their shape. It needs ``@dataclass(repr=False)``.
     """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[object]]]
@@ -71,12 +69,12 @@ class StatedRepr:
 
 
 def stated_text(value: object) -> str:
-    """A value as it is written in Python, in `DIGITS` digits."""
+    """A value as it is written in Python, numbers in ten digits."""
     if isinstance(value, np.ndarray):
         numbers = value.dtype.kind in "fiu" and value.size <= LONGEST_ARRAY
         return stated_text(value.tolist()) if numbers else f"<array of {' × '.join(map(str, value.shape))}>"
     if isinstance(value, float):
-        return repr(float(f"{value:.{DIGITS}g}"))
+        return stated_number(value)
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key!r}: {stated_text(each)}" for key, each in value.items()) + "}"
     if type(value) is list:
@@ -101,11 +99,6 @@ def table_html(title: str, facts: Mapping[str, str]) -> str:
     )
     caption = f'<caption style="text-align: left"><b>{escape(title)}</b></caption>'
     return f"<table>{caption}<tbody>{rows}</tbody></table>"
-
-
-def number_text(value: float, unit: str = "") -> str:
-    """A number with four digits and its unit, for a summary."""
-    return f"{value:.4g} {unit}".rstrip()
 
 
 def names_text(names: Sequence[str], most: int = 6) -> str:

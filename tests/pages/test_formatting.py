@@ -26,7 +26,7 @@ from flexhinf.pages.drawing import (
     settling_text,
     units_of,
 )
-from flexhinf.report import finite
+from flexhinf.report import Column, finite
 
 Make = Callable[[str], PoseEvidence]
 
@@ -107,13 +107,21 @@ def test_options_are_code_once() -> None:
 def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:
     cart = robot_of("cart")
     units = Units(cart.plant(), cart.joint_names, degrees=True)
-    assert (units.position, units.speed, units.angle, units.scale) == (
-        "m or rad",
-        "m/s or rad/s",
-        "m or rad",
+    assert (units.position, units.speed, units.angle) == ("rad or m", "rad/s or m/s", "° or m")
+    assert (units.load, units.spring, units.effort) == ("N·m or N",) * 3
+    belt, arm = cart.joint_names  # which slides, and which turns
+    assert [units.factor_of(units.scale, joint) for joint in (belt, arm)] == [
         1.0,
+        pytest.approx(180.0 / math.pi),
+    ]
+    assert units.small_text(2e-3, 3, belt) == "2 mm"
+    assert units.text(72.3, units.effort, arm) == "72.3 N·m"
+    columns = [Column("joint", key="joint"), Column("to", units.angle, key="to", scale=units.scale)]
+    heads, rows = units.by_joint(
+        columns, [{"joint": belt, "to": 0.06}, {"joint": arm, "to": math.radians(30.0)}]
     )
-    assert (units.load, units.spring, units.effort) == ("N or N·m",) * 3
+    assert heads[1].unit == ""
+    assert [row["to"] for row in rows] == ["0.06 m", "30°"]
     arm = robot_of("paper")
     turned = Units(arm.plant(), arm.joint_names, degrees=True)
     assert (turned.angle, turned.rate, turned.effort) == ("°", "°/s", "V")

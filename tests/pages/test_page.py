@@ -23,6 +23,7 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.status import Status
 from flexhinf.hinf import HJISolution
+from flexhinf.numerals import number
 from flexhinf.pages import design_page
 from flexhinf.pages.design import weights
 from flexhinf.pages.design.frequency import corner_rows, corner_table, corners_text, margin_table
@@ -39,7 +40,7 @@ from flexhinf.pages.page import (
     requirement_table,
     title_of,
 )
-from flexhinf.report import Cell, Column, Page, number
+from flexhinf.report import Cell, Column, Page
 
 Make = Callable[[str], PoseEvidence]
 ORDER = [

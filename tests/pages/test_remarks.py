@@ -13,10 +13,10 @@ from tests.refusals import unnamed
 
 from flexhinf.design import PoseEvidence
 from flexhinf.design.certification import DesignProof
+from flexhinf.numerals import number
 from flexhinf.pages import notes, verdict
 from flexhinf.pages.design.region import proof_text
 from flexhinf.pages.page import remarks
-from flexhinf.report import number
 
 Make = Callable[[str], PoseEvidence]
 

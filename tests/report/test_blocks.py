@@ -10,7 +10,7 @@ from tests.refusals import refused_with
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
-from flexhinf.report import at_least, at_most
+from flexhinf.numerals import at_least, at_most
 
 SVG = (
     '<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg" width="9pt" viewBox="0 0 9 9">'

@@ -10,6 +10,7 @@ from tests.refusals import refused_with
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
+from flexhinf.numerals import number
 
 
 def cells(table: report.Table) -> list[str]:
@@ -44,7 +45,7 @@ def test_a_number_that_is_none_is_said_to_be_so() -> None:
 
 
 def test_a_small_negative_number_is_not_minus_zero() -> None:
-    assert report.number(-0.001, decimals=2) == "0.00"
+    assert number(-0.001, decimals=2) == "0.00"
 
 
 def test_a_row_that_does_not_fit_is_refused() -> None:

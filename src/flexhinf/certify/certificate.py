@@ -32,7 +32,8 @@ from flexhinf.certify.checker.statements import check_observer, check_start, pro
 from flexhinf.certify.claim import Claim, Function, Observer, PolynomialTerms, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
-from flexhinf.notebook import Summarised, number_text
+from flexhinf.notebook import Summarised
+from flexhinf.numerals import number_text
 from flexhinf.processors import thread_count
 from flexhinf.validation import checked_path, read_text, value_text
 
@@ -529,9 +530,8 @@ def verification_text(verification: Verification) -> str:
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
     """A number with at most six digits, rounded down so that the statement holds."""
-    if len(Decimal(repr(value)).as_tuple().digits) <= _DIGITS:
-        return f"{value:.{_DIGITS}g}"
-    return f"{Context(prec=_DIGITS, rounding=rounding).create_decimal(Decimal(value)):g}"
+    few = len(Decimal(repr(value)).as_tuple().digits) <= _DIGITS
+    return f"{value if few else Context(_DIGITS, rounding).create_decimal(Decimal(value)):.{_DIGITS}g}"
 
 
 def _up(value: float) -> str:

@@ -125,9 +125,9 @@ class Comparison(Reported):
         return next(row for row in self.rows if row.name == name)
 
     def units(self) -> dict[str, Any]:
-        """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
+        """Units of inputs, positions and torques, for joints that turn, slide or both."""
         slides = tuple(bool(slide) for slide in self.robot.links.slides)
-        kinds = {"position": ("rad", "m"), "error": ("mrad", "mm"), "torque": ("N·m", "N")}
+        kinds = {"position": ("rad", "m"), "torque": ("N·m", "N")}
         problem = self.synthesis.problem
         return {"input": problem.plant.unit(problem.input_names[0])} | {
             name: " or ".join(unit for unit, there in zip(pair, (not all(slides), any(slides))) if there)

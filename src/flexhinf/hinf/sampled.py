@@ -38,7 +38,8 @@ import numpy as np
 from flexhinf.errors import NumericalFailure, refuse_if
 from flexhinf.hinf.rays import Landscape, RayInequality, Stops, ascend, touching_point
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.notebook import Summarised, number_text
+from flexhinf.notebook import Summarised
+from flexhinf.numerals import number_text
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.validation import real_array

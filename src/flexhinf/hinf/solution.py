@@ -27,7 +27,8 @@ from flexhinf.hinf.homological import HOPELESS
 from flexhinf.hinf.recursion import DOUBTFUL, DegreeRecord
 from flexhinf.hinf.sampled import CheckedPenalty, checked_margin, sample_region
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.notebook import names_text, number_text
+from flexhinf.notebook import names_text
+from flexhinf.numerals import number_text
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.plant.protocols import Law

@@ -22,7 +22,7 @@ from flexhinf.identification.identify import Identification
 from flexhinf.identification.log import LogLike
 from flexhinf.identification.recursion import Recursion, rows_of
 from flexhinf.identification.search import DROP
-from flexhinf.notebook import number_text
+from flexhinf.numerals import number, number_text
 from flexhinf.plant import Plant
 from flexhinf.plant.parameters import Parameters
 from flexhinf.robot import Robot
@@ -80,8 +80,8 @@ class Explanation:
     @property
     def text(self) -> str:
         """As a part of a sentence: what, where, how much, and how much of the rest."""
-        much = f"{self.size:.3g} ± {number_text(float(f'{max(self.errors):.2g}'), self.unit)}"
-        return f"{self.kind} {self.place} ({much}; {100.0 * self.share:.0f} % of it)"
+        much = f"{number(self.size, 3)} ± {number_text(max(self.errors), self.unit, 2)}"
+        return f"{self.kind} {self.place} ({much}; {number(100.0 * self.share, 2)} % of it)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,8 @@ from flexhinf.identification.unknowns import (
     plant_numbers,
     uncertain_numbers,
 )
-from flexhinf.notebook import Summarised, number_text
+from flexhinf.notebook import Summarised
+from flexhinf.numerals import ends_text, number_text
 from flexhinf.plant import Plant, Sensor
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.validation import checked_kind, checked_names, real_number, value_text
@@ -246,7 +247,7 @@ class Identification(Summarised):
         for (name, value), ends, number in zip(
             self.values.items(), self.intervals.values(), self.unknowns.numbers
         ):
-            interval = f"95 %: {ends[0]:.5g} to {ends[1]:.5g}"
+            interval = f"95 %: {ends_text(*ends)}"
             between = f" ({'not told by the log' if name in self.hidden else interval})"
             rows[name] = number_text(value, number.unit) + between
         units = self.noise_units
@@ -257,7 +258,7 @@ class Identification(Summarised):
         if self.alternative is not None:
             rows["likelier"] = self.alternative.text
         rows |= {f"as likely, {k + 1}": each.what for k, each in enumerate(self.undecided)}
-        rows["samples"] = f"{self.samples}, log-likelihood {self.log_likelihood:.6g}"
+        rows["samples"] = f"{self.samples}, log-likelihood {number_text(self.log_likelihood, digits=6)}"
         return rows
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:

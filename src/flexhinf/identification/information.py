@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.identification.likelihood import Evaluation
+from flexhinf.numerals import number
 
 #: A combination of numbers, in parts of their values, is not told by the log if its standard error is larger.
 LARGEST_ERROR = 0.5
@@ -25,22 +26,25 @@ class Unidentifiable:
     """Numbers that may change together without a trace in the log.
 
     `direction`: change of each, in parts of its value, the largest 1. `standard_error`: of that change; infinite where
-    nothing tells it.
+    nothing tells it. `elsewhere`: the log tells the number from those near it, but not from some far away.
     """
 
     direction: dict[str, float]
     standard_error: float
+    elsewhere: bool = False
 
     @property
     def text(self) -> str:
         """As a sentence without a full stop."""
         names = sorted(self.direction, key=lambda name: -abs(self.direction[name]))
         if len(names) == 1:
-            known = f"is known to ±{100 * self.standard_error:.0f} % only"
-            return f"{names[0]} {known if np.isfinite(self.standard_error) else 'may have any value'}"
+            if np.isfinite(self.standard_error):
+                return f"{names[0]} is known to ±{number(100.0 * self.standard_error, 2)} % only"
+            value = "another value, far from this one," if self.elsewhere else "any value"
+            return f"with {value} of {names[0]} the log is as likely"
         changes = [
-            f"{name} {abs(10 * self.direction[name]):.2g} % {'larger' if self.direction[name] > 0 else 'smaller'}"
-            for name in names
+            f"{name} {number(abs(10.0 * change), 2)} % {'larger' if change > 0 else 'smaller'}"
+            for name, change in ((name, self.direction[name]) for name in names)
         ]
         return f"with {', '.join(changes[:-1])} and {changes[-1]} the log is as likely"
 
@@ -106,18 +110,16 @@ class Information:
 
     @cached_property
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:
-        """Combinations that the log does not tell."""
+        """Combinations that the log does not tell: of several, each has a number that no other has."""
         rows: list[Unidentifiable] = []
-        for variance, direction in zip(
-            self._modes[0][~self._identifiable], self._modes[1].T[~self._identifiable]
-        ):
-            largest = int(np.argmax(np.abs(direction)))
-            shares = direction / direction[largest]
-            named = {name: float(s) for name, s in zip(self.names, shares) if abs(s) > SHARE}
-            rows.append(Unidentifiable(named, float(np.sqrt(variance) * abs(direction[largest]))))
+        strengths = 1.0 / self._modes[0]  # 0 where nothing tells the combination
+        for direction in _apart(self._modes[1].T[~self._identifiable]):
+            strength = float(strengths @ (self._modes[1].T @ direction) ** 2)
+            named = {name: float(s) for name, s in zip(self.names, direction) if abs(s) > SHARE}
+            rows.append(Unidentifiable(named, strength**-0.5 if strength > 0.0 else np.inf))
         named = {name for row in rows for name in row.direction}
         unclear = [name for name, clear in zip(self.names, self.clear) if not clear and name not in named]
-        return (*rows, *(Unidentifiable({name: 1.0}, np.inf) for name in unclear))
+        return (*rows, *(Unidentifiable({name: 1.0}, np.inf, elsewhere=True) for name in unclear))
 
     @cached_property
     def standard_errors(self) -> np.ndarray:
@@ -132,6 +134,22 @@ class Information:
         """Of the errors, (k, k); NaN beside what is not told."""
         size = np.where(np.isfinite(self.standard_errors), np.sqrt(np.diag(self._covariance)), np.nan)
         return self._covariance / size / size[:, None]
+
+
+def _apart(directions: np.ndarray) -> np.ndarray:
+    """Other directions (m, k) of the same span, each with an entry that the others do not have, the largest of each 1:
+    else one would say that a number may have any value, and another by how much it changes with others."""
+    rows = directions.copy()
+    for k, _ in enumerate(rows):
+        pivot = k + int(np.argmax(np.abs(rows[k:]).max(axis=1)))
+        rows[[k, pivot]] = rows[[pivot, k]]
+        column = int(np.argmax(np.abs(rows[k])))
+        rows[k] /= rows[k, column]
+        others = np.arange(len(rows)) != k
+        rows[others] -= rows[others, column, None] * rows[k]
+    return (
+        rows / np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1) if len(rows) else rows
+    )
 
 
 def _alone(information: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

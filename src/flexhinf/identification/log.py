@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.notebook import Summarised, names_text
+from flexhinf.numerals import number_text
 from flexhinf.validation import (
     HUGE,
     checked_array,

@@ -24,7 +24,8 @@ from flexhinf.identification.log import LogLike
 from flexhinf.identification.recursion import rows_of
 from flexhinf.identification.search import searched
 from flexhinf.identification.unknowns import Unknowns
-from flexhinf.notebook import Summarised, number_text
+from flexhinf.notebook import Summarised
+from flexhinf.numerals import number_text
 from flexhinf.validation import checked_kind
 
 #: Iterations of the search; and what a change of a first state by a hundred per cent is, SI units.

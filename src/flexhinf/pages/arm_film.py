@@ -20,9 +20,9 @@ from flexhinf.robot.kinematics import skeleton
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Instants of a film, the part of them that follows the way and not the clock, and the part of the way after which it
-#: ends: an arm rests for most of a long run.
-INSTANTS, BY_WAY, SEEN = 80, 0.6, 0.995
+#: Instants of a film; the part of them that follows the way and not the clock; the largest distance from the end, in
+#: parts of the largest of all, after the film: an arm rests for most of a long run, but for noise.
+INSTANTS, BY_WAY, UNSEEN = 80, 0.6, 0.01
 
 
 def film_of(
@@ -60,7 +60,8 @@ def instants_of(time: np.ndarray, positions: np.ndarray) -> np.ndarray:
     way = np.append(0.0, np.cumsum(np.abs(np.diff(positions, axis=0)).sum(axis=1)))
     if len(time) < 2 or not way[-1] > 0.0:
         return np.arange(min(1, len(time)))
-    last = max(1, int(np.searchsorted(way, SEEN * way[-1])))
+    far = np.abs(positions - positions[-1]).max(axis=1)
+    last = min(int(np.flatnonzero(far > UNSEEN * far.max()).max(initial=0)) + 1, len(time) - 1)
     clock = (time[: last + 1] - time[0]) / (time[last] - time[0])
     mixed = BY_WAY * way[: last + 1] / way[last] + (1.0 - BY_WAY) * clock
     return np.unique(np.searchsorted(mixed, np.linspace(0.0, 1.0, INSTANTS)).clip(max=last))

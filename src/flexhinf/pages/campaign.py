@@ -29,6 +29,7 @@ from flexhinf.design.campaign_folder import (
 )
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
+from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.campaign_numbers import (
     METRIC_LABELS,
@@ -40,6 +41,7 @@ from flexhinf.pages.campaign_numbers import (
     metric_text,
     percent_text,
     readable,
+    setting_rows,
     value_text,
 )
 from flexhinf.pages.campaign_parts import (
@@ -90,7 +92,6 @@ from flexhinf.report import (
     house_style,
     legend,
     new_figure,
-    number,
     quantile_band,
 )
 from flexhinf.robot.parts import file_warnings
@@ -131,7 +132,11 @@ def write_campaign(
             Section("Failures", _failures(judged), "failures"),
         )
     lead, sections = first_screen(parts, ("signals", "arms"), ("success", "worst-case"))
-    runs = "moves between random goals" if "goals" in settings else f"loops of {settings['duration']} s"
+    runs = (
+        "moves between random goals"
+        if "goals" in settings
+        else f"loops of {short_numbers(settings['duration'])} s"
+    )
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f"Search: {worst_text(judged, case)}"
@@ -142,10 +147,10 @@ def write_campaign(
         "robot ": "Robot",
         "true robot ": "Robot",
     }
-    for name, value in settings.items():
+    for name, value, unit in setting_rows(judged):
         head = next((head for head in heads if name.startswith(head)), "")
         groups[heads.get(head, "Campaign")].append(
-            Setting(name if head == "true robot " else name.removeprefix(head), value)
+            Setting(name if head == "true robot " else name.removeprefix(head), value, unit)
         )
     write_page(
         journal.folder, "report of the campaign",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, Interval, Requirement
-from flexhinf.report import number
+from flexhinf.numerals import number
+from flexhinf.robot.signals import UNITS
 
 #: Labels of metrics in sentences; others are written with spaces.
 METRIC_LABELS = {
@@ -30,6 +32,9 @@ SMALL = 0.1
 
 #: Units of angles and their rates in degrees.
 DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s²": "°/s²"}
+
+#: Settings that only tell two campaigns apart.
+DIGESTS = {"first sample", "short run", "controller", "plant"}
 
 #: Time limits beyond this are no limits: the run only has to get there.
 NO_LIMIT = 1e8
@@ -59,6 +64,27 @@ def in_degrees(judged: CampaignJudgement) -> bool:
     """Whether the pages of the design, and so those of its campaign, show angles in degrees."""
     units = map(judged.table.unit, judged.table.names("trace"))
     return judged.table.journal.settings.get("design angle_unit") == "deg" and "m" not in units
+
+
+def setting_rows(judged: CampaignJudgement) -> Iterator[tuple[str, object, str]]:
+    """Settings of a campaign for its page: name, value and unit. Digests are in campaign.json."""
+    settings, degrees, table = judged.table.journal.settings, in_degrees(judged), judged.table
+    for name, value in settings.items():
+        if name in DIGESTS:
+            continue
+        if name in ("start", "goal", "design pose") and value.startswith("["):
+            units = list(dict.fromkeys(map(table.unit, table.names("trace"))))
+            scale, unit = display_scale(units[0], degrees) if len(units) == 1 else (1.0, "rad, m")
+            yield name, [scale * float(each) for each in value.strip("[]").split(",")], unit
+        elif name == "noise":
+            kinds = [
+                next((k for k in UNITS if each.startswith(k)), "")
+                for each in settings["measured"].split(", ")
+            ]
+            slides = dict.fromkeys(table.unit(each) == "m" for each in table.names("trace"))
+            yield name, value, ", ".join(dict.fromkeys(UNITS[k][s] for k in kinds if k for s in slides))
+        else:
+            yield name, value, "s" if name in ("duration", "period") else ""
 
 
 def display_scale(unit: str, degrees: bool) -> tuple[float, str]:

@@ -27,6 +27,7 @@ from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow, verdic
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
+from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.campaign_numbers import (
     display_scale,
     in_degrees,
@@ -34,6 +35,7 @@ from flexhinf.pages.campaign_numbers import (
     limit_text,
     metric_text,
     percent_text,
+    setting_rows,
     value_text,
 )
 from flexhinf.pages.design.step import histogram_bins
@@ -55,7 +57,6 @@ from flexhinf.report import (
     Table,
     house_style,
     label,
-    number,
     panels,
 )
 
@@ -319,15 +320,17 @@ def write_pair(result: DesignPair) -> Path:
         for m in metrics
         if np.any(np.isfinite(m.differences) & (m.differences != 0.0))
     ]
-    stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
+    rows = setting_rows(result.judged[0])
+    stated = [Setting(*row) for row in rows if not row[0].startswith("design ")]
     with house_style():  # once for all figures
         blocks = [*_success(result), *_differences(result, varied[:6]), *_extremes(result, varied)]
     return write_page(
         result.folder, "report of the comparison",
         Page(
             f"Two designs on the same robots “{result.a.request.robot.name}”",
-            f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} "
-            f"s: with the controller A of {result.names[0]} and with the controller B of {result.names[1]}.",
+            f"{result.paired.count} robots, each with its own measurement noise, run twice for "
+            f"{short_numbers(settings['duration'])} s: with the controller A of {result.names[0]} and "
+            f"with the controller B of {result.names[1]}.",
             pair_verdict(result), (Section("A against B", blocks, "pair", True),),
             Settings({"Samples": stated}), Provenance(shlex.join(result.command), int(settings["seed"])),
             [

@@ -24,6 +24,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.numerals import at_least, at_most, number, short_bounds
 from flexhinf.pages.design.region import rule_text
 from flexhinf.pages.drawing import (
     DASHED,
@@ -56,12 +57,9 @@ from flexhinf.report import (
     Settings,
     Status,
     Table,
-    at_least,
-    at_most,
     house_style,
     legend,
     new_figure,
-    number,
 )
 
 #: Names of a peak input, by its unit.
@@ -236,7 +234,10 @@ def _theorem(claim: Certificate) -> list[Section]:
     for title, lines in parts.items():
         blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
         if title == "Proved":  # with numbers of its own, by which the rest names it
-            blocks = [Paragraph(_set(line)) for line in lines]
+            blocks = [Paragraph(_set(short_bounds(line, "V <= ", "gamma = "))) for line in lines]
+            blocks.append(
+                Paragraph("Numbers have six digits, bounds rounded to the safe side; the file has all.")
+            )
         # Equations in a table, R2, the law and V as they can be copied, then the rest.
         if title == "Hypotheses":
             rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
@@ -252,9 +253,8 @@ def _theorem(claim: Certificate) -> list[Section]:
                 Bullets(tuple(others[1:])),
                 *(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))) for line in formulas),
             ]  # fmt: skip
-        sections.append(
-            Section(title, blocks, "author" if title == AUTHOR else title.lower().replace(" ", "-"))
-        )
+        anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
+        sections.append(Section(title, blocks, anchor))
     return sections
 
 

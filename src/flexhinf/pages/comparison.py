@@ -19,6 +19,7 @@ from flexhinf.design.tuning import (
     ranked,
 )
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.numerals import number
 from flexhinf.pages.comparison_figures import arms_of, ranking_figure, responses_figure, trade_off_figure
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
@@ -43,7 +44,6 @@ from flexhinf.report import (
     Status,
     Table,
     finite,
-    number,
 )
 from flexhinf.report.blocks import WIDTH
 from flexhinf.robot.springs import DAMPED
@@ -342,8 +342,9 @@ def _frequency(comparison: Comparison) -> list[Any]:
     others = sorted((law for law in laws if law.name not in (DESIGN, NL_HINF)), key=lambda law: law.cost)[:3]
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
     loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in always + others]
-    units = comparison.units()
-    return frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"])
+    assert comparison.own.evaluation is not None
+    compliance = units_of(comparison.own.evaluation).compliance
+    return frequency_figures(loops, comparison.robot.joint_names, compliance)
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
@@ -466,9 +467,15 @@ def unit_of(metric: LawMetric, comparison: Comparison) -> str:
     if metric.key == "unstable_corners" and own is not None and own.corners is not None:
         return f"of {own.corners.count}"
     small = f"{_prefix(metric, comparison)[0]}{units['input']}"
-    return {"input": units["input"], "small input": small, "length": units["error"]}.get(
+    return {"input": units["input"], "small input": small, "length": small_of(comparison)[0]}.get(
         metric.unit, metric.unit
     )
+
+
+def small_of(comparison: Comparison) -> tuple[str, float]:
+    """Unit of small deviations of links, and the factor to it: as on the page of the design itself."""
+    assert comparison.own.evaluation is not None
+    return units_of(comparison.own.evaluation).smallest
 
 
 def _prefix(metric: LawMetric, comparison: Comparison) -> tuple[str, float]:
@@ -488,8 +495,7 @@ def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
         if "settling" in metric.key:
             return f"> {comparison.scenario.step_duration:g}"
         return "never" if metric.key == "load_recovery_s" else "∞" if metric.better > 0 else "diverges"
-    if metric.unit in ("length", "ms"):
-        value *= 1e3
+    value *= {"length": small_of(comparison)[1], "ms": 1e3}.get(metric.unit, 1.0)
     if metric.unit == "small input":
         value *= _prefix(metric, comparison)[1]
     if metric.unit == "%":

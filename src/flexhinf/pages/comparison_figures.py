@@ -100,7 +100,8 @@ def responses_figure(comparison: Comparison) -> Figure:
     """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
     own, joints, thick = comparison.own.evaluation, comparison.robot.joint_names, comparison.tuned_design
     assert own is not None
-    duration, angles, small = comparison.scenario.step_duration, units_of(own), comparison.units()["error"]
+    duration, angles = comparison.scenario.step_duration, units_of(own)
+    small, scale = angles.small
     settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(1.3 * last, 0.1 * duration))  # some time after the last law has settled
@@ -108,8 +109,8 @@ def responses_figure(comparison: Comparison) -> Figure:
     for name, e in ((row.name, row.evaluation) for row in comparison.compared if row.evaluation is not None):
         at, load = e.load_response.at, e.load_response.response
         steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
-        loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
-        moves[name] = e.move.response.run.time, 1e3 * e.move.error
+        loaded[name] = load.run.time - at, scale * (load.positions - load.goal)
+        moves[name] = e.move.response.run.time, scale * e.move.error
     others = [row for row in comparison.compared if row is not thick]
     groups = list(dict.fromkeys(row.kind.group for row in others)) or [comparison.own.kind.group]
     styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
@@ -181,14 +182,17 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
     finite = [law for law in laws if np.isfinite([law.metrics.peak_input, law.metrics.load_deviation]).all()]
     if len(finite) < 2:
         return None
-    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in finite])
+    evaluation = comparison.own.evaluation
+    assert evaluation is not None
+    small, scale = units_of(evaluation).smallest
+    points = np.array([(law.metrics.peak_input, scale * law.metrics.load_deviation) for law in finite])
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
     for law, point in zip(finite, points):
         k, own = place[law.name], law.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
         front = pareto_front((*law.tried, law.metrics), comparison.criterion)
-        curve = np.array([[m.peak_input, 1e3 * m.load_deviation] for m in front]).reshape(-1, 2)
+        curve = np.array([[m.peak_input, scale * m.load_deviation] for m in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
             *point[:, None],
@@ -204,7 +208,7 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
     for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
         _plain_log(ruler)
         limit(max(0.7 * values.min(), values.max() / 30.0), 1.4 * values.max())
-    label(axis, "largest deviation under the load", units["error"])
+    label(axis, "largest deviation under the load", small)
     return figure_block(
         "trade-off",
         figure,

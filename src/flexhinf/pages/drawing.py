@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.copies import shared_out
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.numerals import number
 from flexhinf.plant import Plant
 from flexhinf.report import (
     INK,
@@ -28,7 +29,6 @@ from flexhinf.report import (
     house_style,
     label,
     legend,
-    number,
     panels,
 )
 from flexhinf.robot import Robot
@@ -242,32 +242,108 @@ LISTED = 6
 
 class Units:
     """Units of link positions and velocities, torques on the links, torques of the springs, and inputs; "rad or m" with
-    joints that turn and joints that slide; degrees only where every joint turns.
+    joints that turn and joints that slide, those of the first kind first.
 
-    Positions and velocities are shown in `angle` and `rate`, in degrees where the user gave these; times `scale` they
-    are in these units. `small`: unit and factor of small deviations, thousandths or degrees.
+    Positions and velocities are shown in `angle` and `rate`, angles in degrees where the user gave these; times `scale`
+    they are in these units. `small`: unit and factor of small deviations, thousandths or degrees. A factor is an array
+    (n,) where it differs between joints. `of` has the unit of one joint.
     """
 
     def __init__(self, plant: Plant, joints: Sequence[str], degrees: bool = False) -> None:
-        def units(names: Iterable[str]) -> str:
-            return " or ".join(dict.fromkeys(plant.unit(name) for name in names))
+        names = signal_names("link_position", joints)
+        self.joints, self.slides = tuple(joints), tuple(plant.unit(name) == "m" for name in names)
+        self.degrees = degrees and not all(self.slides)
+
+        def signals(names: Sequence[str]) -> str:
+            units = [plant.unit(name) for name in names]
+            if len(units) == len(self.slides):  # those of joints that turn first
+                units.sort(key=dict(zip(units, self.slides)).__getitem__)
+            return " or ".join(dict.fromkeys(units))
 
         self.position, self.load, self.spring = (
-            units(signal_names(kind, joints)) for kind in ("link_position", "link_torque", "joint_torque")
+            signals(signal_names(kind, joints)) for kind in ("link_position", "link_torque", "joint_torque")
         )
-        self.effort, parts = units(plant.inputs), self.position.split(" or ")
-        self.speed = " or ".join(f"{part}/s" for part in parts)
-        self.angle, self.rate, self.scale = self.position, self.speed, 1.0
-        self.small = " or ".join("mrad" if part == "rad" else "mm" for part in parts), 1e3
-        self.degrees = degrees and self.position == "rad"
-        if self.degrees:
-            self.angle, self.rate, self.scale = "°", "°/s", 180.0 / math.pi
-            self.small = "°", self.scale
+        self.effort = signals(plant.inputs)
+        self.speed = self._joined("rad/s", "m/s")
+        self.compliance = self._joined("rad/(N·m)", "m/N")
+        self.impulse = self._joined("N·m·s", "N·s")
+        turned = math.degrees(1.0) if self.degrees else 1.0
+        self.angle = self._joined("°", "m") if self.degrees else self.position
+        self.rate = self._joined("°/s", "m/s") if self.degrees else self.speed
+        self.scale = self._factor(turned, 1.0)
+        self.small = (
+            (self._joined("°", "mm"), self._factor(turned, 1e3))
+            if self.degrees
+            else (self._joined("mrad", "mm"), 1e3)
+        )
 
-    def small_text(self, value: float, digits: int) -> str:
-        """A small deviation with its unit."""
+    @property
+    def smallest(self) -> tuple[str, float]:
+        """Unit and factor of a small deviation whose joint is not known, such as the largest of all joints."""
+        mixed = any(self.slides) and not all(self.slides)
+        return (self._joined("mrad", "mm"), 1e3) if mixed else self.small
+
+    def _joined(self, turning: str, sliding: str) -> str:
+        there = (turning, not all(self.slides)), (sliding, any(self.slides))
+        return " or ".join(unit for unit, exists in there if exists)
+
+    def _factor(self, turning: float, sliding: float) -> Any:
+        factors = [sliding if slides else turning for slides in self.slides]
+        return factors[0] if len(set(factors)) == 1 else np.array(factors)
+
+    def of(self, unit: str, joint: str) -> str:
+        """The unit of one joint out of one such as "N·m or N"; as it is without a joint."""
+        parts = unit.split(" or ")
+        slides = len(parts) > 1 and joint in self.joints and self.slides[self.joints.index(joint)]
+        return unit if joint not in self.joints else parts[slides]
+
+    def factor_of(self, factor: Any, joint: str) -> float:
+        """The factor of one joint."""
+        return float(np.broadcast_to(factor, len(self.joints))[self.joints.index(joint)])
+
+    def text(self, value: float, unit: str, joint: str, digits: int = 3) -> str:
+        """A value, in its unit already, with the unit of one joint."""
+        own = self.of(unit, joint)
+        return f"{number(value, digits)}{'' if own == '°' else ' '}{own}"
+
+    def small_text(self, value: float, digits: int, joint: str = "") -> str:
+        """A small deviation of a joint with its unit; without a joint, of those that turn and those that slide."""
         unit, scale = self.small
-        return f"{number(scale * value, digits)}{'' if unit == '°' else ' '}{unit}"
+        if joint in self.joints:
+            kinds = {self.of(unit, joint): self.factor_of(scale, joint)}
+        else:
+            kinds = {self.of(unit, name): self.factor_of(scale, name) for name in self.joints}
+        texts = [
+            f"{number(factor * value, digits)}{'' if u == '°' else ' '}{u}" for u, factor in kinds.items()
+        ]
+        return " or ".join(sorted(texts, key=lambda text: text.endswith("mm")))
+
+    def effort_text(self, limits: np.ndarray) -> str:
+        """Limits ± of several joints with their units: ``±60 V``, or ``±87 N·m, ±87 N·m, ±12 N``."""
+        if " or " not in self.effort:
+            return f"{effort_text(limits)} {self.effort}"
+        texts = [
+            effort_text(limits[k : k + 1])
+            + (f" {self.of(self.effort, joint)}" if np.isfinite(limits[k]) else "")
+            for k, joint in enumerate(self.joints)
+        ]
+        return ", ".join(texts)
+
+    def by_joint(
+        self, columns: Sequence[Column], records: Sequence[Mapping[str, Any]]
+    ) -> tuple[list[Column], list[dict[str, Any]]]:
+        """Columns and records by joint, in which numbers of several units have theirs beside them, and no other has."""
+        whole, rows = list(columns), [dict(record) for record in records]
+        for k, column in enumerate(columns):
+            if " or " not in column.unit:
+                continue
+            whole[k] = Column(column.name, key=column.key, right=True, brief=column.brief)
+            for row in rows:
+                value = row.get(column.key)
+                if value is not None and np.isfinite(value):
+                    scaled = self.factor_of(column.scale, row["joint"]) * value
+                    row[column.key] = self.text(scaled, column.unit, row["joint"], column.digits or 4)
+        return whole, rows
 
 
 def units_of(e: LawEvaluation) -> Units:
@@ -371,10 +447,16 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
 
 
 def joint_table(
-    columns: Sequence[Column], records: Sequence[Mapping[str, Any]], caption: str, name: str, title: str = ""
+    units: Units,
+    columns: Sequence[Column],
+    records: Sequence[Mapping[str, Any]],
+    caption: str,
+    name: str,
+    title: str = "",
 ) -> Table:
     """A table with a row for each joint, its name first; of a single joint a row for each column, without the name."""
     if len(records) != 1:
+        columns, records = units.by_joint(columns, records)
         columns = (Column("joint", key="joint"), *columns)
         return Table.of(columns, records, caption, name, stacks=True, title=title)
     rows = []

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.identification.consistency import SMALL_CORRELATION, OutputConsistency
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import Blocks, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate_figures import (
     BAND,
@@ -36,7 +37,6 @@ from flexhinf.report import (
     Table,
     finite,
     house_style,
-    number,
     to_json,
 )
 

@@ -11,8 +11,9 @@ import numpy as np
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.identification import Log, LogFinding
 from flexhinf.identification.consistency import CONFIDENCE, DEVIATIONS, Consistency, OutputConsistency
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, thin
-from flexhinf.report import INK, MUTED, SERIES, legend, number
+from flexhinf.report import INK, MUTED, SERIES, legend
 from flexhinf.robot import Robot
 
 if TYPE_CHECKING:

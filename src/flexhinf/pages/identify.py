@@ -16,6 +16,7 @@ from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.identification.explanations import Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
+from flexhinf.numerals import ends_text, number
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
@@ -42,7 +43,6 @@ from flexhinf.report import (
     Table,
     finite,
     house_style,
-    number,
     to_json,
 )
 from flexhinf.robot import Robot
@@ -119,7 +119,7 @@ def _undecided_texts(found: Identification) -> Iterator[str]:
     for name, value in found.values.items():
         others = [each.values[name] for each in found.undecided]
         if name not in found.hidden:
-            ranges.append(f"{signal_label(name)} {_interval_text(min(value, *others), max(value, *others))}")
+            ranges.append(f"{signal_label(name)} {ends_text(min(value, *others), max(value, *others))}")
     yield (
         f"The log is too short to tell whether {' or '.join(texts)}: it is as likely then. Depending on that, the most "
         f"likely numbers are {listed(ranges)}; the intervals hold all of them. A longer log, or one that moves more, "
@@ -253,7 +253,7 @@ def identified_table(result: IdentifiedRobot) -> Table:
                 signal_label(name),
                 f"{number(stated.value, 5)} {stated.unit}".rstrip(),
                 f"{number(value, 5)} {stated.unit}".rstrip() if clear else "",
-                _interval_text(low, high) if clear else "",
+                ends_text(low, high) if clear else "",
                 f"{number(share, 2)} %" if np.isfinite(share) else "",
                 Cell("no", "yellow")
                 if not clear
@@ -276,15 +276,6 @@ def identified_table(result: IdentifiedRobot) -> Table:
         "table-numbers",
         title="Numbers of the robot",
     )
-
-
-def _interval_text(low: float, high: float) -> str:
-    """Both ends with as many digits as tell them apart."""
-    size, width = max(abs(low), abs(high)), high - low
-    digits = 4
-    if 0.0 < width < size < np.inf:
-        digits = int(np.clip(2 + np.ceil(np.log10(size / width)), 3, 9))
-    return f"{number(low, digits)} to {number(high, digits)}"
 
 
 def identified_ending(result: IdentifiedRobot, notes: Sequence[str] = ()) -> Ending:
@@ -452,7 +443,7 @@ def identified_page(
             result.stated[name].unit,
             "as stated; not told by the log"
             if name in found.hidden
-            else f"95 %: {_interval_text(*found.intervals[name])}",
+            else f"95 %: {ends_text(*found.intervals[name])}",
         )
         for name, value in list(found.values.items())[:4]
     ]

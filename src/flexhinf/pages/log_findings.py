@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.findings import above_note, worst
 from flexhinf.identification import Log, LogFinding
-from flexhinf.notebook import number_text
+from flexhinf.numerals import number_text
 from flexhinf.pages.drawing import Line, Panel, draw_figure, listed, note, thin
 from flexhinf.pages.estimate_figures import MOST_PANELS, signal_label
 from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell

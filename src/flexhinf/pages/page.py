@@ -19,11 +19,11 @@ from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, TOLERANCE
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
     count_text,
-    effort_text,
     in_joint,
     joint_count,
     law_name,
@@ -48,7 +48,6 @@ from flexhinf.report import (
     Status,
     Table,
     house_style,
-    number,
 )
 from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.actuators import published_gears, published_joints
@@ -80,7 +79,7 @@ def requirements(design: PoseEvidence) -> Blocks:
             [100.0 * row["value"] / limit if known and np.isfinite(limit) else None] if limited else []
         )
         rows.append((row["what"], f"{number(row['value'], 3)} {row['unit']}" if known else "diverges", *more))
-    bound = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limited else ""
+    bound = f"; the limit is {units.effort_text(limits.effort)}" if limited else ""
     yield Table(
         (
             "in",
@@ -358,6 +357,7 @@ def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str
     samples: Any = design.evaluation.step_samples
     values = getattr(samples, metric)
     joint = samples.joints[metric][int(np.argmax(values))]
+    unit = units_of(design.evaluation).of(unit, joint)
     return f"{number(float(np.max(values)), digits)} {unit}{in_joint(joint, design.robot.joint_names)}"
 
 
@@ -378,7 +378,8 @@ def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
                 bad = "do not settle" if metric == "settling" else "diverge"
                 text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
             where = "; ".join(filter(None, (where, text)))
-        numbers.append(KeyNumber(name, "not settled" if never else value, "" if never else unit, where))
+        unit = "" if never else units_of(e).of(unit, joint)
+        numbers.append(KeyNumber(name, "not settled" if never else value, unit, where))
     if not m.stable:
         return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins

@@ -12,11 +12,21 @@ import numpy as np
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.result import Design
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
+from flexhinf.numerals import number
 from flexhinf.pages.design.overview import lead
 from flexhinf.pages.design.step import arm_plane
 from flexhinf.pages.drawing import figure_block
 from flexhinf.pages.workspace import workspace_lead
-from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, number, panels
+from flexhinf.report import (
+    INK,
+    MUTED,
+    SERIES,
+    Figure,
+    house_style,
+    label,
+    legend,
+    panels,
+)
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
 

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from flexhinf.findings import above_note, worst
+from flexhinf.numerals import number, number_text
+from flexhinf.pages.drawing import range_text
 from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
 from flexhinf.pages.pictures import robot_picture
 from flexhinf.pages.terminal import Ending, wrapped
@@ -21,7 +23,6 @@ from flexhinf.report import (
     Settings,
     Table,
     finite,
-    number,
     to_json,
 )
 from flexhinf.robot.examination import JointFacts, RobotExamination
@@ -38,15 +39,15 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
             if joint.limits is None
             else f"{number(scale * joint.limits[0], 4)} to {number(scale * joint.limits[1], 4)}{angle}"
         )
-        hertz = None if math.isnan(joint.slowest) else f"{joint.slowest:.3g} to {joint.fastest:.3g}"
+        hertz = None if math.isnan(joint.slowest) else range_text([joint.slowest, joint.fastest])
         rows.append(
             (
                 joint.name,
                 ends,
-                f"{joint.mass:.3g}",
-                f"{joint.weight:.3g} {torque}",
-                None if not math.isfinite(joint.effort) else f"{joint.effort:.4g} {torque}",
-                None if math.isnan(joint.twist) else f"{1e3 * joint.twist:.3g} {twist}",
+                number(joint.mass, 3),
+                number_text(joint.weight, torque, 3),
+                None if not math.isfinite(joint.effort) else number_text(joint.effort, torque),
+                None if math.isnan(joint.twist) else number_text(1e3 * joint.twist, twist, 3),
                 hertz,
             )
         )

@@ -20,6 +20,7 @@ from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentil
 from flexhinf.loop import Status
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.design.overview import HEIGHT, arm_picture
 from flexhinf.pages.drawing import (
     DASHED,
@@ -58,7 +59,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
     to_json,
 )
 from flexhinf.robot.signals import signal_names
@@ -126,15 +126,19 @@ def _joints_table(prepared: DeployedRun, run: RealTimeRun) -> Table:
     )
     if prepared.plan is not None:
         metrics = Move.along(prepared.plan, response, prepared.plants.limits).metrics
-        title = f"Joints: distance from the move, {small}"
+        title = "Joints: distance from the move"
         errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
-        columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
-    effort = Column("peak", units.effort, digits=3, key="peak_input")
+        columns = tuple(Column(name, small, digits=3, key=key, scale=factor) for name, key in errors.items())
+    columns = (
+        Column("joint", key="joint"),
+        *columns,
+        Column("peak", units.effort, digits=3, key="peak_input"),
+    )
     joints = [
         {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
         for row in metrics
     ]
-    return Table.of((Column("joint", key="joint"), *columns, effort), joints, title, "table-joints")
+    return Table.of(*units.by_joint(columns, joints), title, "table-joints")
 
 
 def _times_table(timing: Timing) -> Table:
@@ -174,10 +178,10 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
         pose_text(pose, prepared.robot.links.slides, units.degrees)
         for pose in (prepared.start, prepared.goal)
     )
-    effort = named(f"{number(response.peak.value, 3)} {units.effort}", response.peak.joint)
+    effort = named(units.text(response.peak.value, units.effort, response.peak.joint), response.peak.joint)
     if prepared.plan is not None:
         worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
-        error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
+        error = units.text(units.factor_of(units.scale, worst.joint) * worst.value, units.angle, worst.joint)
         found = f"was followed within {named(error, worst.joint)} and needed at most {effort}"
         return f"{text} The move from {ends} {found}."
     settling, overshoot = response.settling, response.overshoot
@@ -349,7 +353,7 @@ def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]
     deadlines = _real_time(run.timing)
     moved = run_verdict(prepared, run).removeprefix(deadlines).strip()
     own = _of_design(prepared, lines, brief=True)
-    return f"{requirements_text(lines, THIS)} {own} {moved}", [deadlines]
+    return f"{requirements_text(lines, THIS)} {moved}", [own, deadlines]
 
 
 def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
@@ -360,7 +364,11 @@ def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
         named = len(prepared.robot.joint_names) > 1
         if prepared.plan is not None:
             worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
-            value, unit = rounded(units.small[1] * worst.value), units.small[0]
+            small, factor = units.small
+            value, unit = (
+                rounded(units.factor_of(factor, worst.joint) * worst.value),
+                units.of(small, worst.joint),
+            )
             numbers.append(KeyNumber("largest error", value, unit, worst.joint if named else ""))
         else:
             for name, metric, unit in (
@@ -373,7 +381,10 @@ def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
                 ))  # fmt: skip
         full = _saturated(prepared, run)
         numbers += [
-            KeyNumber("peak input", rounded(response.peak_input), units.effort, response.peak.joint if named else ""),
+            KeyNumber(
+                "peak input", rounded(response.peak_input), units.of(units.effort, response.peak.joint),
+                response.peak.joint if named else "",
+            ),
             KeyNumber("at a limit", rounded(100.0 * float(full.max()), 2), "% of the samples"),
         ]  # fmt: skip
     if len(timing.time):

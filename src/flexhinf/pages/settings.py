@@ -14,6 +14,7 @@ from flexhinf.design.responses import ROBOT
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
+from flexhinf.numerals import number
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import Units, effort_text, listed
 from flexhinf.report import Setting
@@ -33,7 +34,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
         ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
         ("tuned for", criterion.text, "", "ours"),
         *(
-            (x.label, f"{'≥' if x.at_least else '≤'} {x.value:.4g}", x.unit, x.origin)
+            (x.label, f"{'≥' if x.at_least else '≤'} {number(x.value)}", x.unit, x.origin)
             for x in criterion.limits
         ),
         ("limit beside margins and noise", criterion.mode, "", "option --tune"),
@@ -95,7 +96,7 @@ def robot_rows(robot: Robot) -> Rows:
         *(
             (
                 name.replace("_", " "),
-                f"{p.value:g}{spreads[name]}".rstrip(),
+                f"{number(p.value, 6)}{spreads[name]}".rstrip(),
                 "" if p.unit == "1" else p.unit,
                 p.source,
             )
@@ -126,7 +127,8 @@ def loop_rows(setup: LoopPlants) -> Rows:
     )
     peaked = not np.array_equal(bounds[0], limits.saturation)
     sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
-    inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    inputs = units.effort_text(bounds[0]) if np.isfinite(bounds[0]).any() else "none"
+    speeds = effort_text(bounds[1]) if np.isfinite(bounds[1]).any() else "none"
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if setup.quantisation is None else np.atleast_1d(setup.quantisation).tolist()
     return [
@@ -139,10 +141,10 @@ def loop_rows(setup: LoopPlants) -> Rows:
             "",
             source_of(s, "quantisation"),
         ),
-        ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
+        ("limits of the inputs", inputs, "", stated[0]),
         ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
         *(
-            (f"limits of the inputs' {name}s", effort_text(most), f"{units.effort}, per {time}", ROBOT)
+            (f"limits of the inputs' {name}s", units.effort_text(most), f"per {time}", ROBOT)
             for name, most, time in (("rate", limits.rate, "s"), ("acceleration", limits.acceleration, "s²"))
             if np.isfinite(most).any()
         ),

@@ -26,6 +26,7 @@ from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.design.workspace.judgement import missed_by
+from flexhinf.numerals import number
 from flexhinf.options import with_value
 from flexhinf.pages.comparison import (
     METRICS,
@@ -47,7 +48,7 @@ from flexhinf.pages.page import (
     requirements_text,
     sampled_text,
 )
-from flexhinf.report import Column, KeyNumber, Table, number
+from flexhinf.report import Column, KeyNumber, Table
 from flexhinf.report.blocks import WIDTH
 from flexhinf.robot import Robot
 

@@ -29,6 +29,7 @@ from flexhinf.design.workspace.setup import (
     pose_limits,
 )
 from flexhinf.loop.simulation.metrics import WINDOW, peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
     Line,
@@ -70,7 +71,6 @@ from flexhinf.report import (
     Table,
     finite,
     house_style,
-    number,
 )
 from flexhinf.robot.waypoints import LIMITS
 
@@ -374,7 +374,7 @@ def _power_on(design: WorkspaceEvidence) -> list[Paragraph]:
         Paragraph(
             "Moves begin where the loop has held the robot for long. At power-on it does not know the load yet: of "
             f"the sampled robot with the largest unknown one {run.joints[worst]} moves by {least}"
-            f"{units.small_text(swing[worst], 3)} in the first second."
+            f"{units.small_text(swing[worst], 3, run.joints[worst])} in the first second."
         )
     ]
 
@@ -397,11 +397,12 @@ def _offsets(design: WorkspaceEvidence, tolerated: Robustness) -> list[Paragraph
     if design.specification.estimator == "none" or not np.isfinite(tolerated.offsets).all():
         return []
     units, worst = units_in(design), int(np.argmax(tolerated.offsets[1]))
-    sudden, slow, remaining = (units.small_text(row[worst], 2) for row in tolerated.offsets.round(9))
+    joint = design.setup.joints[worst]
+    sudden, slow, remaining = (units.small_text(row[worst], 2, joint) for row in tolerated.offsets.round(9))
     measured = {name.rsplit("_position")[0] for name in design.setup.model.outputs if "_position" in name}
     which = "motors" if "motor" in measured else "links"
     text = (
-        f"With the encoders of all {which} off by {units.small_text(OFFSET, 2)}, {design.setup.joints[worst]} moves by "
+        f"With the encoders of all {which} off by {units.small_text(OFFSET, 2)}, {joint} moves by "
         f"at most {slow} at home, since offsets are taken in with {OFFSET_TIME:g} s; at once they would move it by "
         f"{sudden}. At the end it is off by {remaining}. This is the sampled loop, linearised, without dry friction, "
         "with the worst signs."
@@ -445,7 +446,7 @@ def _law_table(design: WorkspaceEvidence) -> Table:
             ),
         ]
     if not np.isfinite(setup.limits.effort).all():
-        limits = f"{effort_text(np.round(setup.authority, 2))} {units_in(design).effort}"
+        limits = units_in(design).effort_text(np.round(setup.authority, 2))
         why = f"assumed where none is stated: weight and {ACCELERATION:g} rad/s² (m/s²)"
         rows.append(("limits of the motors, for ripple and estimator", limits, why))
     caption = (
@@ -460,7 +461,7 @@ def _watched(design: WorkspaceEvidence) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
     setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
-    swing = f"{effort_text(np.round(0.5 * setup.input_swing, 2))} {units_in(design).effort}"
+    swing = units_in(design).effort_text(np.round(0.5 * setup.input_swing, 2))
     watched = [
         f"whether the commanded joints are within {watch.text} (rad, m)",
         f"whether an input swings to and fro by more than {swing} at rest, or a joint by more than "

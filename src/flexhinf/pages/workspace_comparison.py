@@ -16,6 +16,7 @@ from flexhinf.design.workspace.comparison import (
     ComparedController,
     WorkspaceComparison,
 )
+from flexhinf.numerals import number, without_noise
 from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.drawing import Line, Panel, count_text, draw_figure, joint_count, line_style, listed
 from flexhinf.pages.page import files_section
@@ -36,7 +37,6 @@ from flexhinf.report import (
     Table,
     finite,
     house_style,
-    number,
 )
 
 #: What laws that meet every requirement are ranked by, and what else is named where a rival has less.
@@ -129,7 +129,8 @@ def _cell(line: Requirement | None, degrees: bool) -> Cell | str:
     """What was found, marked where it is missed; of a law for which there is no such requirement, a dash."""
     if line is None:
         return "–"
-    text = "diverges" if np.isinf(line.found) else number(line.converted(degrees).found, 3)
+    line = line.converted(degrees)
+    text = "diverges" if np.isinf(line.found) else number(without_noise(line.found, line.limit), 3)
     return Cell(f"{text} ✗", "red") if line.missed else text
 
 
@@ -150,7 +151,7 @@ def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
         worst = row.missed[0].converted(degrees) if row.missed else None
         verdict = "met"
         if worst is not None:
-            verdict = f"{len(row.missed)} missed: {worst.what} {number(worst.found, 3)}, {worst.limit_text}"
+            verdict = f"{len(row.missed)} missed: {worst.what} {worst.value_text}, {worst.limit_text}"
         measured = () if row.judged is None else row.judged.specification.measured
         speed = "–" if row.bandwidth is None else number(row.bandwidth, 3)
         errors = [_cell(row.worst(what), degrees) for what in heads]
@@ -226,7 +227,7 @@ def _figure(comparison: WorkspaceComparison) -> Any:
     """Tracking errors of all moves, in ascending order."""
     judged, lines, limit = comparison.own.judged, [], None
     assert judged is not None
-    small, factor = units_in(judged).small
+    small, factor = units_in(judged).smallest
     for k, row in enumerate(comparison.compared):
         if row.judged is None:
             continue

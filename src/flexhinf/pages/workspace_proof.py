@@ -18,6 +18,7 @@ from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
 from flexhinf.modal.popov import EXACT, NONE, Errors, PopovTolerance, Sector
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import count_text
 from flexhinf.pages.page import design_statuses
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -33,7 +34,6 @@ from flexhinf.report import (
     Status,
     Table,
     finite,
-    number,
 )
 
 #: What the section about tolerance begins with.

@@ -18,6 +18,7 @@ from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
 from flexhinf.design.workspace.search import motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import Units, count_text, listed
 from flexhinf.pages.page import requirement_table, requirements_text
 from flexhinf.pages.settings import damping_text
@@ -28,7 +29,7 @@ from flexhinf.pages.terminal import (
     requirements_screen,
     tolerances_text,
 )
-from flexhinf.report import KeyNumber, Table, number
+from flexhinf.report import KeyNumber, Table
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import INNER
 from flexhinf.robot.kinematics import heavy_motors
@@ -140,7 +141,7 @@ def cause_text(design: WorkspaceEvidence) -> str:
     if cause is None:
         return ""
     units, joint = units_in(design), setup.joints[cause.joint]
-    error, left = (units.small_text(size, 3) for size in (cause.error, cause.without))
+    error, left = (units.small_text(size, 3, joint) for size in (cause.error, cause.without))
     if not cause.kind:
         return f"No tolerance, and neither dry friction nor a short rest, is by itself behind the {error} of {joint}."
     if cause.kind == "rest":
@@ -327,7 +328,8 @@ def _starts(design: WorkspaceEvidence) -> str:
     for text, moved in sizes.items():
         if FAR < moved.max() < np.inf:
             k = int(np.argmax(moved))
-            texts.append(text.format(f"{setup.joints[k]} moves by up to {units.small_text(moved[k], 3)}"))
+            joint = setup.joints[k]
+            texts.append(text.format(f"{joint} moves by up to {units.small_text(moved[k], 3, joint)}"))
     text = "; ".join(texts)
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
@@ -354,7 +356,7 @@ def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
 
 def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, float]]:
     """Those of `COLUMNS` that the robot has, small deviations in the units of the joints."""
-    small, limited = units_in(design).small, design.setup.limits.limits_effort
+    small, limited = units_in(design).smallest, design.setup.limits.limits_effort
     kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
     return {
         key: (title, unit, 1.0) if unit else (title, small[0], small[1])
@@ -365,6 +367,17 @@ def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, float]]:
 def _largest(values: Sequence[float | None], exists: bool = True) -> float:
     """The largest value that is known; NaN if none is, infinite where a run diverged and has none."""
     return max((value for value in values if value is not None), default=np.nan) if exists else np.inf
+
+
+def _worst_joint(moves: Sequence[Move], key: str) -> str:
+    """The joint that has the largest of a number of all moves; "" where none is known."""
+    known = [
+        (value, joint)
+        for move in moves
+        for joint, row in zip(move.response.joints, move.motion)
+        if (value := row.get(key)) is not None
+    ]
+    return max(known, default=(0.0, ""))[1]
 
 
 def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
@@ -381,7 +394,11 @@ def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
         if key == "ripple_percent":  # at rest every pose has one, and its requirement is the same
             values += [loop.ripple for loop in design.loops]
             where = f"worst of {len(moves)} moves and {len(design.loops)} poses"
-        numbers.append(KeyNumber(title, number(factor * float(np.fmax.reduce(values)), 3), unit, where))
+        units, joint = units_in(design), _worst_joint(moves, key)
+        if " or " in unit:
+            where = f"{joint}; {where}"
+        shown = number(factor * float(np.fmax.reduce(values)), 3)
+        numbers.append(KeyNumber(title, shown, units.of(unit, joint), where))
     return numbers
 
 

@@ -31,6 +31,7 @@ from flexhinf.loop import Step, Trajectory
 from flexhinf.loop.signals.references import Signal
 from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.loop.simulation.metrics import rms
+from flexhinf.numerals import number
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
     LONG,
@@ -45,7 +46,7 @@ from flexhinf.paper.loop_setup import (
 from flexhinf.plant import Plant
 from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.protocols import Belief
-from flexhinf.report import Column, Table, Verdict, number
+from flexhinf.report import Column, Table, Verdict
 from flexhinf.scalars import cholesky, solve_lower, trace
 
 #: Seeds of each run, and how much larger the last ten seconds' error may be than that of the ten before.

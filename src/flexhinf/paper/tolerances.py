@@ -19,6 +19,7 @@ import numpy as np
 from flexhinf.analysis import FORMS, EquilibriumLoop, GrowthRates, ProcessNoise, growth_rates
 from flexhinf.arrays import Matrix, Vector
 from flexhinf.loop import Step
+from flexhinf.numerals import number
 from flexhinf.paper.loop_setup import (
     GOALS,
     LONG,
@@ -31,7 +32,7 @@ from flexhinf.paper.loop_setup import (
     name_goal,
 )
 from flexhinf.plant import Law
-from flexhinf.report import Column, Table, number
+from flexhinf.report import Column, Table
 
 #: q that are swept over, variance per sample.
 SWEPT = (1e-10, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2)

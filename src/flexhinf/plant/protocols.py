@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Element, Elements
 from flexhinf.errors import InvalidInput
-from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.notebook import Summarised, names_text
+from flexhinf.numerals import number_text
 from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.plant.series import SpringSeries

@@ -13,10 +13,7 @@ from .blocks import (
     Setting as Setting,
     Settings as Settings,
     Table as Table,
-    at_least as at_least,
-    at_most as at_most,
     finite as finite,
-    number as number,
     to_json as to_json,
     versions as versions,
 )

@@ -12,7 +12,6 @@ import platform
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from functools import cached_property
 from html import escape
 from importlib import metadata
@@ -23,6 +22,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.numerals import number, short_numbers
 from flexhinf.report.figure import LIGHT, Film
 
 if TYPE_CHECKING:
@@ -45,62 +45,9 @@ def prose(text: str) -> str:
 
 
 def unit_html(unit: str) -> str:
-    """A unit after a number or a name; nothing without one."""
-    return f' <span class="unit">{escape(unit)}</span>' if unit else ""
-
-
-def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:
-    """A number for reading: true minus sign, powers of ten instead of e-notation, ∞ for infinity.
-
-    `digits` are significant ones (whole numbers keep all theirs), `decimals` fixed ones, so that a column lines up.
-
-    Examples
-    --------
-    >>> number(-0.123456), number(12), number(3.2e-7), number(float("inf")), number(2.0, decimals=2)
-    ('−0.1235', '12', '3.2·10⁻⁷', '∞', '2.00')
-    """
-    if isinstance(value, Integral):
-        return str(int(value)).replace("-", "−")
-    x = float(value)
-    if not math.isfinite(x):
-        return "not a number" if math.isnan(x) else "∞" if x > 0 else "−∞"
-    written = f"{x:.{digits}g}" if decimals is None else f"{x:z.{decimals}f}"
-    if "e" in written:
-        mantissa, _, power = written.partition("e")
-        raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-        written = f"{mantissa}·10{str(int(power)).translate(raised)}"
-    return written.replace("-", "−")
-
-
-def at_most(value: float, digits: int = 4) -> str:
-    """A proved bound from above: as `number`, rounded up, so that what is written holds too.
-
-    Examples
-    --------
-    >>> at_most(366.8925), at_most(98.0), at_least(63.99942, decimals=1)
-    ('366.9', '98', '63.9')
-    """
-    return number(_rounded(value, digits, ROUND_CEILING), digits)
-
-
-def at_least(value: float, digits: int = 4, decimals: int | None = None) -> str:
-    """A proved bound from below: as `number`, rounded down."""
-    return number(_rounded(value, digits, ROUND_FLOOR, decimals), digits, decimals)
-
-
-def _rounded(value: float, digits: int, rounding: str, decimals: int | None = None) -> float:
-    """Round to so many digits in one direction; to the nearest such number if that is the value but for its last
-    bits: 50 degrees in radians and back are 49.99999999999999, and are to be written as 50."""
-    if not math.isfinite(value):
-        return float(value)
-    exact, room = Decimal(float(value)), Decimal(4 * math.ulp(value))  # what a change of unit may move
-    near, bound = (
-        Context(prec=digits, rounding=way).create_decimal(exact)
-        if decimals is None
-        else exact.quantize(Decimal(1).scaleb(-decimals), rounding=way)
-        for way in (ROUND_HALF_EVEN, rounding)
-    )
-    return float(near if abs(near - exact) <= room else bound)
+    """A unit after a number or a name, degrees without a space; nothing without one."""
+    space = "" if unit.startswith("°") else " "
+    return f'{space}<span class="unit">{escape(unit)}</span>' if unit else ""
 
 
 def scalar(value: object, decimals: int | None = None) -> str:
@@ -551,11 +498,13 @@ class Settings(Block):
         """The settings as HTML: a table for each group."""
         parts = ""
         for name, group in self.groups.items():
-            rows = "".join(
-                f'<tr><th scope="row">{prose(row.name)}</th><td>{prose(scalar(row.value))}{unit_html(row.unit)}</td>'
-                f"<td>{prose(row.note)}</td></tr>"
-                for row in group
-            )
+            rows = ""
+            for row in group:
+                value, note = (prose(short_numbers(text)) for text in (scalar(row.value), row.note))
+                rows += (
+                    f'<tr><th scope="row">{prose(row.name)}</th><td>{value}{unit_html(row.unit)}</td>'
+                    f"<td>{note}</td></tr>"
+                )
             parts += (
                 f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>'
                 '<th scope="col">Setting</th><th scope="col">Value</th><th scope="col">From</th></tr></thead>'

@@ -25,11 +25,14 @@ const decades = (low, high) => {
   return found.length > 1 ? found : [low, high];
 };
 
+// A number with a power of ten where it is large or small.
 const number = (value) => {
   if (value === 0) return "0";
   const size = Math.abs(value);
-  const text = size >= 1e4 || size < 1e-3 ? value.toExponential(0).replace("e+", "e") : String(Number(value.toPrecision(4)));
-  return text.replaceAll("-", "−");
+  if (size < 1e4 && size >= 1e-3) return String(Number(value.toPrecision(4))).replace("-", "−");
+  const [mantissa, exponent] = value.toExponential(2).split("e");
+  const raised = [...String(Number(exponent))].map((sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)]).join("");
+  return `${Number(mantissa)}·10${raised}`.replace("-", "−");
 };
 
 export default {

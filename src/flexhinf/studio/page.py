@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from flexhinf.design.pipeline import stages
 from flexhinf.design.responses import Response
 from flexhinf.errors import FlexhinfError
+from flexhinf.numerals import number
 from flexhinf.progress import Steps, time_left
 from flexhinf.studio import controls, drawing
 from flexhinf.studio.controls import CONTROLS, Control
@@ -360,14 +361,15 @@ class StudioPage:
             ylabel=f"link, {scales.position}",
             order=["all", "most", "command", "linear", "nominal", "picked"],
             stamp=self._stamp("step"),
-            description=f"Step of {names[self.joint]}: {_metrics_text(nominal.step, self.joint)}",
+            description=f"Step of {names[self.joint]}: {_metrics_text(nominal.step, self.joint, scales.effort)}",
         )
         self.effort.show(
             series=drawing.effort_series(nominal, self.joint),
             ylabel=f"input, {scales.effort}",
             order=["upper", "lower", "linear", "nominal", "picked"],
             stale=["linear"],
-            description=f"Input of {names[self.joint]}: at most {nominal.step.peak_inputs[self.joint]:.3g}",
+            description=f"Input of {names[self.joint]}: at most "
+            f"{number(nominal.step.peak_inputs[self.joint], 3)} {scales.effort}",
         )
         self._state_buttons(nominal)
         self._show_error(nominal)
@@ -414,12 +416,13 @@ class StudioPage:
         )
 
     def _show_band(self, band: Band) -> None:
+        effort = drawing.Scales(band.nominal, self.joint).effort
         count = 0 if band.samples is None else len(band.samples)
         self.step.show(
             series=drawing.band_series(band, self.joint),
             stamp=self._stamp("band"),
             description=f"Step of {band.nominal.step.joints[self.joint]}: "
-            f"{_metrics_text(band.nominal.step, self.joint)}; band of {count} robots",
+            f"{_metrics_text(band.nominal.step, self.joint, effort)}; band of {count} robots",
         )
         if len(band.nominal.step.joints) == 1:
             self._show_arm(band.nominal)
@@ -452,6 +455,7 @@ class StudioPage:
         if self.session.band is not band:
             return  # of an earlier design
         nominal, who = band.nominal, "nominal robot" if replay.k < 0 else f"robot {replay.k + 1}"
+        effort_unit = drawing.Scales(nominal, self.joint).effort
         step, effort, error = (
             (None, None, None)
             if replay.k < 0
@@ -466,7 +470,7 @@ class StudioPage:
             if replay.k < 0 or band.samples is None
             else _differences(nominal, band.samples.values[replay.k])
         )
-        self._note(f"Replayed: {who}. {_metrics_text(run, self.joint)}{differs}")
+        self._note(f"Replayed: {who}. {_metrics_text(run, self.joint, effort_unit)}{differs}")
 
     def _redraw(self) -> None:
         nominal, band, linear = self.session.nominal, self.session.band, self.session.linear
@@ -503,19 +507,22 @@ def _is_finite(value: object) -> bool:
     return isinstance(value, (int, float)) and math.isfinite(value)
 
 
-def _metrics_text(run: Response, joint: int) -> str:
+def _metrics_text(run: Response, joint: int, effort: str) -> str:
     if run.diverged_at is not None:
-        return f"it diverges after {run.diverged_at:.3g} s"
+        return f"it diverges after {number(run.diverged_at, 3)} s"
     row = run.metrics[joint]
     settling = row.get("settling_time_s")
     settles = (
         ""
         if "settling_time_s" not in row
-        else f"settles in {settling:.3g} s, "
+        else f"settles in {number(settling, 3)} s, "
         if settling is not None
         else "does not settle, "
     )
-    return f"{settles}overshoot {row.get('overshoot_percent', 0.0):.3g} %, peak input {row['peak_input']:.3g}"
+    return (
+        f"{settles}overshoot {number(row.get('overshoot_percent', 0.0), 3)} %, "
+        f"peak input {number(row['peak_input'], 3)} {effort}"
+    )
 
 
 def _differences(nominal: Nominal, values: Mapping[str, ArrayLike], most: int = 3) -> str:

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from flexhinf.design.requirements import Requirement
+from flexhinf.numerals import number, number_text
 from flexhinf.studio.preview import Band, LinearParts, Nominal
 
 
@@ -65,7 +66,11 @@ def tiles_of(nominal: Nominal, band: Band | None, linear: LinearParts | None) ->
 
 
 def _text(value: float, unit: str) -> str:
-    return f"{value:.3g} {unit}" if math.isfinite(value) else ("not settled" if unit == "s" else "diverges")
+    return (
+        number_text(value, unit, 3)
+        if math.isfinite(value)
+        else ("not settled" if unit == "s" else "diverges")
+    )
 
 
 def _joined(value: float, unit: str) -> str:
@@ -98,9 +103,11 @@ def _sensitivity(linear: LinearParts | None, lines: list[Requirement]) -> Tile:
         return Tile("unstable", "the nominal loop", False)
     s = linear.nominal.setup.specification
     delay = _joined(1e3 * margins.delay_margin_s, "ms")
-    beside = f"limit {s.peak_sensitivity_limit:g}\ngain margin {margins.gain_margin:.3g}, delay {delay}"
+    beside = (
+        f"limit {s.peak_sensitivity_limit:g}\ngain margin × {number(margins.gain_margin, 3)}, delay {delay}"
+    )
     kept = [line.met for line in lines if line.field in ("peak_sensitivity", "gain_margin", "delay_margin")]
-    return Tile(f"{margins.peak_sensitivity:.3g}", beside, all(kept))
+    return Tile(number(margins.peak_sensitivity, 3), beside, all(kept))
 
 
 def _unstable(band: Band | None) -> Tile:
@@ -111,7 +118,7 @@ def _unstable(band: Band | None) -> Tile:
     count, lost = len(band.samples), band.samples.diverged
     late = band.samples.unsettled - lost
     return Tile(
-        f"{100.0 * lost / count:.3g} %",
+        number_text(100.0 * lost / count, "%", 3),
         f"{lost} of {count} diverge, {late} do not settle",
         band.samples.unsettled == 0,
     )

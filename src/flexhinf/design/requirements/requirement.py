@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.verdict import display_unit
 from flexhinf.notebook import Pictured
-from flexhinf.report import number
+from flexhinf.numerals import number, without_noise
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
@@ -75,13 +75,21 @@ class Requirement:
         return f"{'≤' if self.at_most else '≥'} {number(self.limit, 3)}{self.unit_text(self.limit)}"
 
     @property
+    def value_text(self) -> str:
+        """The value with its unit."""
+        if np.isinf(self.found):
+            return "diverges" if (self.found > 0.0) is self.at_most else "unlimited"
+        found = without_noise(self.found, self.limit)
+        return f"{number(found, 3)}{self.unit_text(found)}"
+
+    @property
     def achieved_text(self) -> str:
         """The value with its unit, the joint and time of the worst one, and what else is known of it."""
         if np.isinf(self.found):
-            return "diverges" if (self.found > 0.0) is self.at_most else "unlimited"
+            return self.value_text
         places = [self.joint, "" if self.at is None else f"at {number(self.at, 3)} s", self.detail]
         where = f" ({', '.join(filter(None, places))})" if any(places) else ""
-        return f"{number(self.found, 3)}{self.unit_text(self.found)}{where}"
+        return f"{self.value_text}{where}"
 
     @property
     def text(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.identification.log import FileColumn, Log
 from flexhinf.identification.quantisation import smallest_step
 from flexhinf.identification.vibrations import vibration_periods
-from flexhinf.notebook import number_text
+from flexhinf.numerals import number_text
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import MECHANICAL
 

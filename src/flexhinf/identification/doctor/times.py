@@ -8,7 +8,7 @@ import numpy as np
 
 from flexhinf.identification.doctor.finding import LogFinding
 from flexhinf.identification.doctor.record import LogRecord
-from flexhinf.notebook import number_text
+from flexhinf.numerals import number_text
 
 #: A step that is so near to a whole number of them is of
 #: dropped rows; rows show a vibration that are at most this share of its period apart.

@@ -36,7 +36,8 @@ from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.estimated import EstimatedStates, constant_states
-from flexhinf.notebook import names_text, number_text
+from flexhinf.notebook import names_text
+from flexhinf.numerals import number_text
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
 from flexhinf.validation import checked_positive, real_array, real_number, value_text

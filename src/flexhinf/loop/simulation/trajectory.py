@@ -16,7 +16,8 @@ from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.metrics import peak_of, rms, steady_state_error, step_metrics, step_shape
 from flexhinf.loop.simulation.program import CONTROL_FAILED
-from flexhinf.notebook import Summarised, number_text, table_html
+from flexhinf.notebook import Summarised, table_html
+from flexhinf.numerals import number_text
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import checked_path, read_only, required_package, unknown_name
 

@@ -12,23 +12,33 @@ from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
     Line,
     Panel,
+    Units,
     changes_text,
     count_text,
     draw_figure,
     in_joint,
     joint_panel,
     line_style,
+    listed,
     note,
     range_text,
     units_of,
 )
 from flexhinf.pages.settings import damping_text
-from flexhinf.report import INK, MUTED, Column, Figure, Paragraph, Table, number
+from flexhinf.report import (
+    INK,
+    MUTED,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+)
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3
@@ -78,7 +88,7 @@ def margins(e: LawEvaluation) -> Blocks:
     yield from (
         Paragraph(text),
         margin_table(e),
-        lambda: _bode(loops, joints, units.load, units.position),
+        lambda: _bode(loops, joints, units.compliance),
         lambda: _sensitivity(loops),
         lambda: _nyquist(loops, joints),
     )
@@ -87,12 +97,12 @@ def margins(e: LawEvaluation) -> Blocks:
     if s.estimator != "none":
         run, names = e.step.run, ("link position", "link velocity", "motor position", "motor velocity")
         truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
-        errors = np.split(units.scale * (truth - estimate), 4)
+        errors = [units.scale * part.T for part in np.split(truth - estimate, 4)]
         yield lambda: draw_figure(
             "estimate",
             [
                 joint_panel(
-                    name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9
+                    name, units.rate if k % 2 else units.angle, run.time, joints, error, linewidth=0.9
                 )
                 for k, (name, error) in enumerate(zip(names, errors))
             ],
@@ -127,10 +137,11 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
     noise, peak = e.input_noises, e.step.peak_input
     if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:
         k, largest = int(np.argmax(noise)), float(noise.max())
+        units, joint = units_of(e), e.setup.joints[k]
         share = f", {number(100.0 * largest / peak, 2)} % of the step's peak input" if peak else ""
         yield note(
-            f"In equilibrium the sensor noise moves an input{in_joint(e.setup.joints[k], e.setup.joints)} by "
-            f"{number(largest, 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
+            f"In equilibrium the sensor noise moves an input{in_joint(joint, e.setup.joints)} by "
+            f"{units.text(largest, units.effort, joint, 2)} rms{share}. Try a slower estimator (smaller "
             "--torque-noise), better sensors, or less --bandwidth."
         )
 
@@ -198,8 +209,16 @@ def margin_table(e: LawEvaluation) -> Table:
     )
 
 
+def rms_text(values: np.ndarray, units: Units) -> str:
+    """The range of a number of each motor, with its unit; of joints that turn and of those that slide."""
+    parts: dict[str, list[float]] = {}
+    for joint, value in zip(units.joints, values.tolist()):
+        parts.setdefault(units.of(units.effort, joint), []).append(value)
+    return listed([f"{range_text(part, 2)} {unit}" for unit, part in parts.items()])
+
+
 def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
-    gains, plant, effort, joints = e.margins.noise_to_input, e.setup.model, units_of(e).effort, e.setup.joints
+    gains, plant, units, joints = e.margins.noise_to_input, e.setup.model, units_of(e), e.setup.joints
     assert e.setup.noise is not None
     several, rows = len(joints) > 1, []
     for name, sigma, column in zip(plant.outputs, e.setup.noise.tolist(), gains.T):
@@ -208,8 +227,8 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
             (
                 name.replace("_", " "),
                 f"{number(sigma, 3)} {unit}",
-                f"{number(gain)} {effort}/{unit}",
-                gain * sigma,
+                f"{number(gain)} {units.of(units.effort, worst)}/{unit}",
+                f"{number(gain * sigma, 3)} {units.of(units.effort, worst)}",
                 *([worst] if several else []),
             )
         )
@@ -218,12 +237,12 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
             "sensor",
             "its noise (rms)",
             "gain to the input (rms)",
-            Column("at the motor (rms)", effort),
+            Column("at the motor (rms)", right=True),
             *(["motor"] if several else []),
         ),
         rows,
         "Noise of each sensor at the motor that it moves most; all sensors together: "
-        f"{range_text(together, 2)} {effort} rms",
+        f"{rms_text(together, units)} rms",
         "table-noise",
     )
 
@@ -237,15 +256,13 @@ class Loop(NamedTuple):
     style: int = 0
 
 
-def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> list[Figure]:
+def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], compliance: str) -> list[Figure]:
     """Bode, sensitivity and Nyquist diagram of one loop, a line for each joint; or of several, a line for each, of the
-    joint that a torque on its link moves most. `load` and `position` are the units of these."""
-    return (
-        [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)] if loops else []
-    )
+    joint that a torque on its link moves most. `compliance`: unit of a link position over a torque on it."""
+    return [_bode(loops, joints, compliance), _sensitivity(loops), _nyquist(loops, joints)] if loops else []
 
 
-def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
+def _bode(loops: Sequence[Loop], joints: Sequence[str], compliance: str) -> Figure:
     lines, command, phase, torque = _lines(loops, joints), [], [], []
     for name, style, response, joint in lines:
         below = response.frequencies <= 0.97 * np.pi / response.linear.period  # at its end the phase jumps
@@ -260,7 +277,7 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
         (
             Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=DEPTH_DB),
             Panel("phase", "°", phase),
-            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=DEPTH_DB, **FREQUENCY),
+            Panel(f"torque → link\n(dB of {compliance})", "", torque, depth=DEPTH_DB, **FREQUENCY),
         ),
         f"{LOOP_CAPTION} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}",
         "Bode diagram",

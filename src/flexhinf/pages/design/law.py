@@ -12,6 +12,7 @@ from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidLoop
 from flexhinf.design.specification import RINGS
+from flexhinf.numerals import number
 from flexhinf.pages.design.step import spring_torques, stiffness_of
 from flexhinf.pages.drawing import (
     DOTTED,
@@ -29,7 +30,16 @@ from flexhinf.pages.drawing import (
     thin,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, finite, number
+from flexhinf.report import (
+    MUTED,
+    SERIES,
+    Column,
+    Figure,
+    Listing,
+    Paragraph,
+    Table,
+    finite,
+)
 from flexhinf.robot.modes import Mode
 from flexhinf.scalars.spectral import damping_ratio
 
@@ -236,6 +246,7 @@ def law(design: PoseEvidence) -> Blocks:
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
     yield joint_table(
+        units,
         (
             Column("link position", units.angle, 4, key="link", scale=units.scale),
             Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),
@@ -352,16 +363,18 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
     joint = int(
         np.argmax(sum(np.nan_to_num(np.abs(half - goal), nan=1e9, posinf=1e9).max(axis=0) for half in halves))
     )
-    step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
+    name = e.setup.joints[joint]
+    scale = units.factor_of(units.scale, name)
+    step = scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
     end, panels = float(e.step.run.time[-1]), list[Panel]()
     for quantity, unit, signal in (
         (
             "link position − goal",
-            units.angle,
-            lambda run: units.scale * (run.positions[:, joint] - goal[joint]),
+            units.of(units.angle, name),
+            lambda run: scale * (run.positions[:, joint] - goal[joint]),
         ),
-        ("spring torque", units.spring, lambda run: spring_torques(e, run)[:, joint]),
-        ("input", units.effort, lambda run: run.inputs[:, joint]),
+        ("spring torque", units.of(units.spring, name), lambda run: spring_torques(e, run)[:, joint]),
+        ("input", units.of(units.effort, name), lambda run: run.inputs[:, joint]),
     ):
         lines = [
             Line(

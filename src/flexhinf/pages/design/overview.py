@@ -12,6 +12,7 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Move, Response
+from flexhinf.numerals import number
 from flexhinf.pages.arm_film import film_of
 from flexhinf.pages.design.step import arm_plane, input_panel, instants
 from flexhinf.pages.drawing import (
@@ -34,7 +35,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
     panels,
     settling_band,
 )
@@ -87,6 +87,7 @@ def _step(e: LawEvaluation) -> Figure:
     settling_band(upper, goal, float(size))
     label(upper, "share of the way" if several else "link position", "%" if several else units.angle)
     legend(upper)
+    _end_after_settling(upper, e)
     panel, _ = input_panel(e, response)
     plain: Any = [(value, color, None) for value, color, _ in panel.dashed]
     Panel(
@@ -104,6 +105,14 @@ def _step(e: LawEvaluation) -> Figure:
         f"Link positions of the nominal robot (lines) and its inputs.{robots}{' Dashed: limit.' * bool(plain)}",
         "The step",
     )
+
+
+def _end_after_settling(axes: Any, e: LawEvaluation) -> None:
+    """End the time axis some time after the last robot has settled, where all of them do."""
+    times = [e.step.settling.value, *([] if e.step_samples is None else e.step_samples.settling.tolist())]
+    end = float(e.step.run.time[-1])
+    if times and np.isfinite(times).all() and max(times) > 0.0:
+        axes.set_xlim(0.0, min(1.5 * max(times), end))
 
 
 @house_style()
@@ -160,7 +169,7 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
 def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) -> list[Figure]:
     """The move with the largest remaining error beside the errors of all moves; and the arm during that move."""
     figure, (upper, lower) = new_figure(2, height=HEIGHT)
-    small, factor = units.small
+    small, factor = units.smallest
     for k, move in enumerate((*moves, moves[worst])):
         response, time = move.response, move.response.run.time
         plan = np.reshape(move.plan(time), (len(time), -1))
@@ -176,7 +185,9 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
         if last:
             for j, joint in enumerate(response.joints):
                 line = {**line_style(j), "label": joint if len(response.joints) > 1 else None}
-                upper.plot(time[few], units.scale * response.positions[few, j], **line)
+                upper.plot(
+                    time[few], units.factor_of(units.scale, joint) * response.positions[few, j], **line
+                )
             dots = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
             for j, angles in enumerate(units.scale * plan[few].T):
                 upper.plot(time[few], angles, label=None if j else "plan", **dots)
@@ -224,7 +235,7 @@ def briefs(design: PoseEvidence) -> dict[str, str]:
     if samples is not None and len(samples):
         texts["draws"] = f"{len(samples) - samples.unsettled} of {len(samples)} settle"
     if e.step.diverged_at is None:
-        texts["step"] = f"peak input {number(e.step.peak_input, 3)} {units.effort}"
+        texts["step"] = f"peak input {units.text(e.step.peak_input, units.effort, e.step.peak.joint)}"
     return texts | {
         anchor: "diverges"
         for anchor, run in (("load", e.load_response.response), ("move", e.move.response), ("step", e.step))

@@ -16,6 +16,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
 from flexhinf.hinf import smallest_gamma
+from flexhinf.numerals import at_least, at_most, number
 from flexhinf.pages.drawing import (
     Blocks,
     Line,
@@ -37,10 +38,7 @@ from flexhinf.report import (
     Listing,
     Paragraph,
     Table,
-    at_least,
-    at_most,
     finite,
-    number,
 )
 from flexhinf.report.blocks import WIDTH
 
@@ -181,11 +179,11 @@ def region(design: PoseEvidence) -> Blocks:
     if proved is None:
         unit, most, rows = units_of(design.evaluation).position, widest_step(design), []
         for c in design.choices:
-            level = "–" if not c.looked else "none" if math.isnan(c.level) else f"{c.level:.4g}"
+            level = "–" if not c.looked else "none" if math.isnan(c.level) else number(c.level)
             level = "everything sampled" if c.looked and math.isinf(c.level) else level
             step = amplitude_text(c.step_amplitude, unit, most) if c.looked else "–"
             cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
-            checks = (c.limit, f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds)
+            checks = (c.limit, number(c.residual, 1), 1e3 * c.solve_seconds, c.check_seconds)
             rows.append((c.degree, law_name(c.degree), used, level, step, cost, *checks))
         yield from (
             Paragraph(

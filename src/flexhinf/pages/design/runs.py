@@ -24,6 +24,7 @@ from flexhinf.design.responses import LoadResponse
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, tail_of
 from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.numerals import number
 from flexhinf.pages.design.step import input_panel, motion_table, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
@@ -39,7 +40,15 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite, number
+from flexhinf.report import (
+    MUTED,
+    SERIES,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+    finite,
+)
 from flexhinf.robot import Weighing
 from flexhinf.robot.elastic import DRY
 from flexhinf.robot.parameters import payload_masses
@@ -76,6 +85,7 @@ def load(design: PoseEvidence) -> Blocks:
             "Torques on the links",
         ),
         joint_table(
+            units,
             (
                 Column("torque on the link", units.load, key="load"),
                 Column("twist of its spring", unit, key="twist", scale=scale),
@@ -222,7 +232,8 @@ def payload_text(design: PoseEvidence) -> str:
         if np.isfinite(load.recovery.value)
         else "and is not back within 2 % of its step in the run"
     )
-    size = f"{units.small_text(load.deflection.value, 2)}{in_joint(load.deflection.joint, design.robot.joint_names)}"
+    joint = load.deflection.joint
+    size = units.small_text(load.deflection.value, 2, joint) + in_joint(joint, design.robot.joint_names)
     return f"{text}; gripping it deflects the robot by {size} {back}."
 
 
@@ -268,6 +279,7 @@ def move(design: PoseEvidence) -> Blocks:
             6.6,
         ),
         joint_table(
+            units,
             (
                 Column("way", units.angle, key="way", scale=units.scale),
                 Column("largest error", unit, key="largest_error", scale=scale),
@@ -366,8 +378,9 @@ def ring_down(design: PoseEvidence) -> Blocks:
     yield lambda: _ring_down_figure(runs)
     unit, scale = units.small
     yield joint_table(
+        units,
         (
-            Column("impulse", f"{units.load}·s", key="impulse"),
+            Column("impulse", units.impulse, key="impulse"),
             Column("largest deviation", unit, key="peak_deviation", scale=scale),
             Column("least damping ratio", "", 3, key="damping"),
             Column("its frequency", "Hz", 3, key="frequency_Hz"),
@@ -430,7 +443,7 @@ def long_run(design: PoseEvidence) -> Blocks:
     def motion(run: LimitCycleCheck, joints: Sequence[int]) -> str:
         return listed(
             [
-                f"{run.response.joints[k]} by ±{units.small_text(run.cycles[k].amplitude, 3)} "
+                f"{run.response.joints[k]} by ±{units.small_text(run.cycles[k].amplitude, 3, run.response.joints[k])} "
                 f"({_frequency(run.cycles[k].frequency)})"
                 for k in joints
             ]
@@ -440,7 +453,7 @@ def long_run(design: PoseEvidence) -> Blocks:
         joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
         return listed(
             [
-                f"{units.small_text(size, 2)}{f' in {joint}' if len(joints) > 1 else ''}"
+                f"{units.small_text(size, 2, joint)}{f' in {joint}' if len(joints) > 1 else ''}"
                 for joint, size in zip(joints, sizes)
                 if size > 0.0
             ]
@@ -482,6 +495,7 @@ def long_run(design: PoseEvidence) -> Blocks:
     yield lambda: _long_run_figure(design, run)
     unit, scale = units.small
     yield joint_table(
+        units,
         (
             Column("amplitude", unit, key="amplitude", scale=scale),
             Column("frequency", key="frequency"),
@@ -531,7 +545,7 @@ def _long_run_figure(design: PoseEvidence, run: LimitCycleCheck) -> Figure:
         tail_of(each, OSCILLATION_TAIL) for each in (response.run.time, response.positions, response.inputs)
     )
     few, deviation = _extremes(time, scale * (positions - response.goal))
-    limit = {"limits": np.full(len(joints), scale * run.limit), "limit_name": "limit"}
+    limit = {"limits": np.full(len(joints), run.limit) * scale, "limit_name": "limit"}
     sharp = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
     friction = f" Dry friction is {sharp}." if set(run.extras) & set(DRY) else ""
     return draw_figure(

@@ -13,6 +13,7 @@ from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.specification import ESTIMATED_BY
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -21,7 +22,6 @@ from flexhinf.pages.drawing import (
     Units,
     changes_text,
     draw_figure,
-    effort_text,
     figure_block,
     in_joint,
     joint_panel,
@@ -46,7 +46,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
     panels,
     quantile_band,
     settling_band,
@@ -70,19 +69,22 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
             f"The step diverges at {number(e.step.diverged_at, 3)} s. Start nearer to the goal, or change the weights."
         )
     sizes = np.abs(e.step.inputs).max(axis=1)
-    at, later = int(np.argmax(sizes)), float(sizes[STARTING:].max(initial=0.0))
+    at, late = int(np.argmax(sizes)), np.abs(e.step.inputs[STARTING:]).max(axis=0, initial=0.0)
+    later = float(late.max())
+    first, second = (e.setup.joints[int(np.argmax(row))] for row in (np.abs(e.step.inputs[at]), late))
     if s.estimator != "none" and 0 < at < STARTING < len(sizes) and sizes[at] >= MUCH * later:
         yield note(
-            f"The peak input of {number(float(sizes[at]), 3)} {units.effort}"
-            f"{in_joint(e.setup.joints[int(np.argmax(np.abs(e.step.inputs[at])))], e.setup.joints)} occurs "
+            f"The peak input of {number(float(sizes[at]), 3)} {units.of(units.effort, first)}"
+            f"{in_joint(first, e.setup.joints)} occurs "
             f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the estimator is still "
             f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
-            f"{units.effort}. Let the estimator run before the law takes over."
+            f"{units.of(units.effort, second)}. Let the estimator run before the law takes over."
         )
     yield from (lambda: _step_figure(e, units), lambda: arm_of(e))
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
     peak, last = Column("peak input", units.effort, key="peak_input"), float(e.step.run.time[-1])
     yield joint_table(
+        units,
         (
             Column("from", units.angle, key="from", scale=units.scale),
             Column("to", units.angle, key="to", scale=units.scale),
@@ -108,16 +110,17 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
     yield motion_table(e, e.step_motion, "table-step-motion")
     if mujoco is not None:
         plants = {"ours": e.step, "MuJoCo's": mujoco}
+        columns = (
+            Column("plant", key="plant"),
+            Column("joint", key="joint"),
+            Column("overshoot", "%", key="overshoot_percent"),
+            Column("settling time", "s", 3, key="settling_time_s"),
+            error,
+            peak,
+        )
+        rows = [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics]
         yield Table.of(
-            (
-                Column("plant", key="plant"),
-                Column("joint", key="joint"),
-                Column("overshoot", "%", key="overshoot_percent"),
-                Column("settling time", "s", 3, key="settling_time_s"),
-                error,
-                peak,
-            ),
-            [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics],
+            *units.by_joint(columns, rows),
             f"The same controller and noise on MuJoCo's plant: {difference_text(e.step, mujoco, units)}",
             "table-mujoco",
         )
@@ -125,8 +128,10 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
 
 def motion_table(e: LawEvaluation, rows: Sequence[Mapping[str, Any]], id: str) -> Table:
     """The motion of each joint in a run, by its `motion_metrics`."""
-    unit, scale = units_of(e).small
+    units = units_of(e)
+    unit, scale = units.small
     return joint_table(
+        units,
         (
             Column("wrong way", "%", 2, key="wrong_way_percent"),
             Column("excursion", "%", 2, key="excursion_percent"),
@@ -159,8 +164,9 @@ def step_text(response: Response, units: Units) -> str:
 
 def peak_text(response: Response, units: Units) -> str:
     """The largest input of a run, with its joint where there are several."""
-    joint = "" if response.diverged_at is not None else in_joint(response.peak.joint, response.joints)
-    return f"{number(response.peak_input, 3)} {units.effort}{joint}"
+    joint = response.peak.joint
+    where = "" if response.diverged_at is not None else in_joint(joint, response.joints)
+    return f"{number(response.peak_input, 3)} {units.of(units.effort, joint)}{where}"
 
 
 def stiffness_of(plant: Plant, robot: Robot, rigid: float) -> np.ndarray:
@@ -186,7 +192,7 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
         name = (
             "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
         )
-        name = f"{name} {effort_text(limits.effort)} {units.effort}"
+        name = f"{name} {units.effort_text(limits.effort)}"
     lines = {"limits": limits.effort, "limit_name": name} if name else {}
     return joint_panel(
         "input", units.effort, response.run.time, response.joints, response.inputs, **lines
@@ -212,7 +218,7 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
                 zero=True,
                 plan=None if command is None else units.scale * (command(time) - goal),
                 plan_name="command",
-                min_span=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
+                min_span=0.1 * float((units.scale * np.abs(goal - response.start)).max(initial=0.0)),
             ),
             joint_panel(
                 "spring torque", units.spring, time, joints, spring_torques(e, response), min_span=0.0
@@ -231,9 +237,11 @@ def difference_text(own: Response, other: Response, units: Units) -> str:
     if other.diverged_at is not None or own.diverged_at is not None:
         return "it diverges" if other.diverged_at is not None else "it does not diverge"
     apart = units.scale * np.abs(other.positions - own.positions).max(axis=0)
+    joint = own.joints[int(np.argmax(apart))]
+    unit = units.of(units.angle, joint)
     return (
-        f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}"
-        f"{in_joint(own.joints[int(np.argmax(apart))], own.joints)}"
+        f"link positions differ by at most {number(float(apart.max()), 2)}{'' if unit == '°' else ' '}{unit}"
+        f"{in_joint(joint, own.joints)}"
     )
 
 
@@ -391,7 +399,8 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             for (robot, name), style in zip(worst.items(), styles)
             for line in away[ended == robot, :, joint]
         ]
-        Panel(f"{names[joint] if len(names) > 1 else 'link'} − goal", units.angle, lines, (0.0,)).draw(axis)
+        unit = units.of(units.angle, names[joint])
+        Panel(f"{names[joint] if len(names) > 1 else 'link'} − goal", unit, lines, (0.0,)).draw(axis)
     settling_band(axes[-1], 0.0, float(steps[close]))
     axes[-1].set_ylim(-CLOSE * steps[close] or -1e-3, CLOSE * steps[close] or 1e-3)
     legend(axes[0])
@@ -409,11 +418,12 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
-    own, m, joints = e.step, samples, samples.joints
+    own, m, joints, units = e.step, samples, samples.joints, units_of(e)
+    strongest = joints["peak"][int(np.argmax(m.peak))]
     return [
         ("overshoot", "%", m.overshoot, own.overshoot.value, joints["overshoot"][m.worst]),
         ("settling time", "s", m.settling, own.settling.value, joints["settling"][m.slowest]),
-        ("peak input", units_of(e).effort, m.peak, own.peak_input, joints["peak"][int(np.argmax(m.peak))]),
+        ("peak input", units.of(units.effort, strongest), m.peak, own.peak_input, strongest),
     ]
 
 

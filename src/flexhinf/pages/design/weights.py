@@ -13,6 +13,7 @@ from flexhinf.design.problem.presets import Robustness, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, TargetBehaviour
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.steps import NOISE, WholeLoopSearch
+from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     Blocks,
     Line,
@@ -23,7 +24,15 @@ from flexhinf.pages.drawing import (
     range_text,
 )
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, finite, number
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+    finite,
+)
 from flexhinf.robot.signals import signal_names
 
 PRESETS = {

@@ -1,0 +1,160 @@
+"""Numbers as people read them: so many digits, a true minus sign, powers of ten, and a unit.
+
+Texts for people have their numbers from here; files that programs read, code and command lines have Python's.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
+from numbers import Integral, Real
+
+#: Digits of a number that a user stated: enough for every number that is written, too few for 0.1 + 0.2.
+DIGITS = 10
+
+#: Digits of a number within a text that was not written for reading.
+SHORT = 6
+
+#: Numbers below this one have no power of ten, however few digits they have.
+WHOLE = 1e5
+
+#: A value below this share of its limit is rounding noise, and is written as 0.
+NOISE = 1e-9
+
+#: A decimal number of Python, alone: no part of a name, a version or a digest.
+_DECIMAL = re.compile(r"(?<![\w.])-?(?:\d+\.\d+(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.]|\.\d)")
+
+
+def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:
+    """A number for reading: true minus sign, powers of ten instead of e-notation, ∞ for infinity.
+
+    `digits` are significant ones (whole numbers keep all theirs), `decimals` fixed ones, so that a column lines up.
+
+    Examples
+    --------
+    >>> number(-0.123456), number(2271.3, 3), number(3.2e-7), number(float("inf")), number(2.0, decimals=2)
+    ('−0.1235', '2270', '3.2·10⁻⁷', '∞', '2.00')
+    """
+    if isinstance(value, Integral):
+        return str(int(value)).replace("-", "−")
+    x = float(value)
+    if not math.isfinite(x):
+        return "not a number" if math.isnan(x) else "∞" if x > 0 else "−∞"
+    written = f"{x:.{digits}g}" if decimals is None else f"{x:z.{decimals}f}"
+    if decimals is None and abs(float(written)) < WHOLE:
+        written = written if "e-" in written else f"{float(written):.15g}"
+    if "e" in written:
+        mantissa, _, power = written.partition("e")
+        raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+        written = f"{mantissa}·10{str(int(power)).translate(raised)}"
+    return written.replace("-", "−")
+
+
+def at_most(value: float, digits: int = 4) -> str:
+    """A proved bound from above: as `number`, rounded up, so that what is written holds too.
+
+    Examples
+    --------
+    >>> at_most(366.8925), at_most(98.0), at_least(63.99942, decimals=1)
+    ('366.9', '98', '63.9')
+    """
+    return number(_rounded(value, digits, ROUND_CEILING), digits)
+
+
+def at_least(value: float, digits: int = 4, decimals: int | None = None) -> str:
+    """A proved bound from below: as `number`, rounded down."""
+    return number(_rounded(value, digits, ROUND_FLOOR, decimals), digits, decimals)
+
+
+def _rounded(value: float, digits: int, rounding: str, decimals: int | None = None) -> float:
+    """Round to so many digits in one direction; to the nearest such number if that is the value but for its last
+    bits: 50 degrees in radians and back are 49.99999999999999, and are to be written as 50."""
+    if not math.isfinite(value):
+        return float(value)
+    exact, room = Decimal(float(value)), Decimal(4 * math.ulp(value))  # what a change of unit may move
+    near, bound = (
+        Context(prec=digits, rounding=way).create_decimal(exact)
+        if decimals is None
+        else exact.quantize(Decimal(1).scaleb(-decimals), rounding=way)
+        for way in (ROUND_HALF_EVEN, rounding)
+    )
+    return float(near if abs(near - exact) <= room else bound)
+
+
+def number_text(value: float, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit.
+
+    Examples
+    --------
+    >>> number_text(3.2e-7, "rad"), number_text(0.30000000000000004)
+    ('3.2·10⁻⁷ rad', '0.3')
+    """
+    return f"{number(value, digits)} {unit}".rstrip()
+
+
+def without_noise(value: float, limit: float) -> float:
+    """A value beside its limit: 0 where it is no more than the rounding errors of what it was computed of.
+
+    Examples
+    --------
+    >>> without_noise(2.08e-14, 5.0), without_noise(0.02, 5.0)
+    (0.0, 0.02)
+    """
+    return 0.0 if abs(value) < NOISE * abs(limit) < math.inf else value
+
+
+def ends_text(low: float, high: float) -> str:
+    """Both ends of an interval, with as many decimals as tell them apart by two digits.
+
+    Examples
+    --------
+    >>> ends_text(99.99993, 100.00724), ends_text(0.5, 2.0), ends_text(92.701, 92.701)
+    ('99.9999 to 100.0072', '0.5 to 2', '92.7')
+    """
+    width = high - low
+    if not 0.0 < width < max(abs(low), abs(high)) < math.inf:
+        return " to ".join(dict.fromkeys(number(end, 3) for end in (low, high)))
+    decimals = 1 - math.floor(math.log10(width))
+    texts = [number(round(end, decimals), 15) for end in (low, high)]
+    return " to ".join(texts)
+
+
+def short_numbers(text: str, digits: int = SHORT) -> str:
+    """A text in which numbers with decimals have at most so many digits.
+
+    Examples
+    --------
+    >>> short_numbers("uniform in [9.702, 9.898000000000001] m, 1e-8, version 0.2.0")
+    'uniform in [9.702, 9.898] m, 1·10⁻⁸, version 0.2.0'
+    """
+
+    def written(match: re.Match[str]) -> str:
+        return number(float(match[0]), digits)
+
+    return _DECIMAL.sub(written, text)
+
+
+def short_bounds(text: str, lower: str, upper: str) -> str:
+    """As `short_numbers`; a number behind `lower` is rounded down, and one behind `upper` up.
+
+    Examples
+    --------
+    >>> short_bounds("V <= 503.5524866 with gamma = 86.80727131", "V <= ", "gamma = ")
+    'V <= 503.552 with gamma = 86.8073'
+    """
+    for sign, rounded in ((lower, at_least), (upper, at_most)):
+        for digits in set(re.findall(rf"(?<={re.escape(sign)})\d[\d.]*\d", text)):
+            text = text.replace(f"{sign}{digits}", f"{sign}{rounded(float(digits), SHORT)}")
+    return short_numbers(text)
+
+
+def stated_number(value: float) -> str:
+    """A number as Python reads it, in `DIGITS` digits.
+
+    Examples
+    --------
+    >>> stated_number(0.1 + 0.2), stated_number(1e-7)
+    ('0.3', '1e-07')
+    """
+    return repr(float(f"{value:.{DIGITS}g}"))
