@@ -238,7 +238,7 @@ def _cell(row: Mapping[str, Any]) -> str:
         "–" if row[name] is None else f"{factor * row[name]:.2g}"
         for name, factor in (("remaining", 1e3), ("ripple", 1.0))
     )
-    met = "no: " + ", ".join(row["missed"]) if row["missed"] else "yes"
+    met = "no: " + ", ".join(what.split()[0] for what in row["missed"]) if row["missed"] else "yes"
     return f"{met} | {row['damping']:.2g} | {left} | {ripple}"
 
 

@@ -11,7 +11,8 @@ from tests.logs import arm_log, oscillator, recorded, undisturbed
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.identification.explanations import Explanation, believed, explanations
+from flexhinf.identification.explanations import HYSTERESIS, Explanation, believed, explanations
+from flexhinf.scalars import absolute
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -21,16 +22,18 @@ TIMES = PERIOD * np.arange(1500)
 VOLTS = 8.0 * (np.sin(3.0 * TIMES) + 0.6 * np.sin(11.0 * TIMES) + 0.4 * np.sin(23.0 * TIMES))
 
 
-def ripple(plant: fh.Plant, gear: float, size: float) -> fh.Plant:
-    """A plant whose motor is pulled twice in each turn before its gear."""
+def slipping(plant: fh.Plant, size: float, within: float) -> fh.Plant:
+    """A plant whose spring keeps a torque on its way back, by Dahl's equation, within a twist."""
 
     def flow(x: Any, u: Any, d: Any, p: Any) -> Any:
-        return plant.flow(x, u, np.array([d[0], d[1] + size * np.sin(2.0 * gear * x[2] + 0.4)]), p)
+        rate, torque = x[3] - x[1], size * x[4]
+        moved = plant.flow(x[:4], u, np.array([d[0] + torque, d[1] - torque]), p)
+        return np.append(moved, (rate - absolute(rate) * x[4]) / within)
 
     return fh.Plant(
         flow,
-        plant.output,
-        plant.states,
+        lambda x, u, p: plant.output(x[:4], u, p),
+        (*plant.states, "carried"),
         plant.inputs,
         plant.disturbances,
         dict(plant.parameters.values),
@@ -71,15 +74,28 @@ def test_what_the_true_arm_has_is_named_with_its_size(
     assert believed(found, causes) is None
 
 
-@pytest.mark.ci("identifies a log of a rig with a ripple of its gear")
-def test_the_ripple_of_a_gear_is_found_beside_its_turn() -> None:
-    """At twice the turn of the motor of a rig with a gear of 70; the size is that of the sine."""
-    rig = fh.load_robot("quanser-rotflex")
-    plant = ripple(rig.plant(MEASURED), 70.0, 0.01)
-    found, causes = explained(plant, 0.1 * VOLTS, rig)
+@pytest.mark.ci("identifies logs of two rigs with teeth in their gears")
+@pytest.mark.parametrize(("quantity", "size"), [("torque_ripple", 0.01), ("kinematic_error", 2e-3)])
+def test_teeth_of_a_gear_are_found_with_the_lines_of_a_file(quantity: str, size: float) -> None:
+    """At twice the turn of the motor of a rig with a gear of 70, with the phase that the true plant has."""
+    rig, phase = fh.load_robot("quanser-rotflex"), 0.8
+    true = rig.with_parameters(fh.Parameter(quantity, size), fh.Parameter(f"{quantity}_phase", phase))
+    found, causes = explained(true.plant(MEASURED, extras=quantity), 0.1 * VOLTS, rig)
     assert not found.consistent
-    assert causes[0].kind.startswith("ripple")
-    assert causes[0].size == pytest.approx(0.01, rel=0.2)
+    assert causes[0].quantity == quantity
+    assert causes[0].size == pytest.approx(size, abs=2.0 * max(causes[0].errors))
+    stated = dict(line.split(" = ") for line in causes[0].lines.split(", "))
+    assert float(stated[quantity]) == pytest.approx(size, rel=0.1)
+    assert float(stated[f"{quantity}_phase"]) == pytest.approx(phase, abs=0.1)
+
+
+@pytest.mark.ci("identifies a log of a rig whose spring slips")
+def test_hysteresis_of_a_spring_is_found() -> None:
+    """By another equation than that of the trace; the size is rough, and no line of a file states it."""
+    rig = fh.load_robot("quanser-rotflex")
+    _, causes = explained(slipping(rig.plant(MEASURED), 0.01, 5e-3), 0.1 * VOLTS, rig)
+    assert (causes[0].kind, causes[0].lines) == (HYSTERESIS, "")
+    assert causes[0].size == pytest.approx(0.01, rel=0.3)
 
 
 @pytest.mark.ci("identifies a log of an arm")

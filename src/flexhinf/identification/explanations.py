@@ -32,6 +32,9 @@ from flexhinf.robot.signals import MECHANICAL, signal_names
 #: The kind of an explanation that is a signal at another time.
 DELAY = "a delay"
 
+#: A torque that a spring keeps on its way back, which no model has.
+HYSTERESIS = "hysteresis of the spring"
+
 #: Where a shifted log is likelier, a delay is the cause if it explains this share of what the best one does.
 NEARLY = 0.6
 
@@ -68,6 +71,16 @@ class Explanation:
     def size(self) -> float:
         """How much there is: of a ripple its amplitude."""
         return float(np.hypot(*self.sizes)) if len(self.sizes) == 2 else self.sizes[0]
+
+    @property
+    def lines(self) -> str:
+        """Keys of a robot's file that state it, with its phase where it has one; empty where no key does."""
+        if not self.quantity:
+            return ""
+        keys = [f"{self.quantity} = {self.size:.3g}"]
+        if len(self.sizes) == 2:
+            keys.append(f"{self.quantity}_phase = {np.arctan2(self.sizes[1], self.sizes[0]):.3g}")
+        return ", ".join(keys)
 
     @property
     def place(self) -> str:
@@ -359,17 +372,37 @@ def _of_joint(
     )
     gap = np.tanh(twist / max(PASSED * _rms(twist), 1e-12))
     yield _Candidate("backlash", name, length, "backlash", [spring(-0.5 * stiffness * gap)])
+    yield _Candidate(HYSTERESIS, name, unit, "", [spring(_slipping(twist, PASSED * _rms(twist)))])
     slope = values["motor_velocity"] - values["link_velocity_of_gear"]
     yield _Candidate("damping of the spring", name, f"{unit}·s/{length}", "damping", [spring(slope)])
     gear = robot.nominal.get(per_joint("gear_ratio", joint, count), 0.0)
     if gear > 1.0 and length == "rad":
         angle = 2.0 * gear * values["motor_position"]
-        parts = [acting({motor: part}) for part in (np.sin(angle), np.cos(angle))]
-        yield _Candidate("ripple at twice the motor's turn", name, unit, "", parts, positive=False)
+        waves = np.array([np.sin(angle), np.cos(angle)])
+        parts = [acting({motor: -wave}) for wave in waves]
+        yield _Candidate(
+            "ripple at twice the motor's turn", name, unit, "torque_ripple", parts, positive=False
+        )
+        slopes = 2.0 * gear * np.array([waves[1], -waves[0]])
+        parts = [
+            spring(stiffness * wave) + acting({motor: -slope * torque}) for wave, slope in zip(waves, slopes)
+        ]
+        yield _Candidate(
+            "an error of the gear's teeth", name, "rad", "kinematic_error", parts, positive=False
+        )
     if length == "rad" and robot.nominal.get("gravity", 0.0):
         turned = values["link_position"]
         parts = [acting({link: part}) for part in (np.sin(turned), np.cos(turned))]
         yield _Candidate("weight", signals["link_torque"], unit, "", parts, positive=False)
+
+
+def _slipping(twist: np.ndarray, most: float) -> np.ndarray:
+    """What a spring carries that slips where it is twisted by `most`, of what it then does: Jenkins' element."""
+    held, torques = 0.0, np.zeros_like(twist)
+    for k, change in enumerate(np.diff(twist, prepend=twist[:1])):
+        held = min(max(held + change, -most), most)
+        torques[k] = held / max(most, 1e-12)
+    return torques
 
 
 def _rms(values: np.ndarray) -> float:

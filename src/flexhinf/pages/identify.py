@@ -13,7 +13,7 @@ from flexhinf.identification import Excitation, Identification
 from flexhinf.identification.alternatives import Alternative
 from flexhinf.identification.consistency import SMALL_CORRELATION
 from flexhinf.identification.doctor.beside_model import alternative_advice
-from flexhinf.identification.explanations import Explanation, believed
+from flexhinf.identification.explanations import HYSTERESIS, Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
 from flexhinf.numerals import ends_text, number
@@ -46,7 +46,7 @@ from flexhinf.report import (
     to_json,
 )
 from flexhinf.robot import Robot
-from flexhinf.robot.elastic import left_out
+from flexhinf.robot.elastic import TEETH, left_out
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +209,15 @@ def _cause_advice(result: IdentifiedRobot) -> Iterator[str]:
             extra = EXTRA_OF[cause.quantity]
             if name not in result.found.names:
                 yield f"`--parameters {','.join([*result.found.names, name])}`, with which the model has {extra}"
+        elif cause.quantity in TEETH:
+            yield f"`{cause.lines}` in the robot's file: the true robot then has it, and no model"
         elif cause.quantity:
-            yield f"`{cause.quantity} = {cause.size:.3g}` in the robot's file, and then `--parameters …,{name}`"
+            yield f"`{cause.lines}` in the robot's file, and then `--parameters …,{name}`"
+        elif cause.kind == HYSTERESIS:
+            yield (
+                f"a tolerance of the stiffness that covers its slope, as no model has the {cause.size:.3g} "
+                f"{cause.unit} by which the spring's torque differs on its way back"
+            )
 
 
 def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
