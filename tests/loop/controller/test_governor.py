@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import braked, governed, resisted
+from flexhinf.loop.controller.governor import braked, governed, resisted, unwound
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
@@ -297,6 +297,13 @@ def test_an_integral_that_throws_a_joint_is_taken_back_and_one_that_carries_is_n
     assert np.array_equal(after[1:3], before[1:3])
     assert np.abs(after[[0, 3]]).max() < 0.15 * 0.5
     assert np.array_equal(np.sign(after), np.sign(before))
+
+
+def test_what_takes_an_integral_back_counts_from_the_command() -> None:
+    """An error of 1 that is 1.3 of the command takes a negative integral back by 1.3; any other counts as shown."""
+    error, integral, lag = np.array([1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0]), 0.3
+    found = unwound(error, integral, np.array([lag, -lag, lag, -lag]))
+    assert found == pytest.approx([1.3, 1.0, 1.0, -1.3])
 
 
 def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:
