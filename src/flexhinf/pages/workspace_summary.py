@@ -397,8 +397,8 @@ def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
         units, joint = units_in(design), _worst_joint(moves, key)
         if " or " in unit:
             where = f"{joint}; {where}"
-        shown = number(factor * float(np.fmax.reduce(values)), 3)
-        numbers.append(KeyNumber(title, shown, units.of(unit, joint), where))
+        found = number(factor * float(np.fmax.reduce(values)), 3)
+        numbers.append(KeyNumber(title, found, units.of(unit, joint), where))
     return numbers
 
 
