@@ -63,15 +63,15 @@ def test_the_figure_is_as_high_as_the_arm_needs() -> None:
 @pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
     response = report_design("met").evaluation.frequency_response
-    one = frequency_figures([Loop("a", response)], ["joint"], "N·m", "rad")
+    one = frequency_figures([Loop("a", response)], ["joint"], "rad/(N·m)")
     assert [figure.id for figure in one] == ["figure-bode", "figure-sensitivity", "figure-nyquist"]
     distance = np.abs(1.0 + response.input_loops[:, 0]).min()
     assert f"smallest distance, {distance:.2f}" in one[2].caption
-    two = frequency_figures([Loop("a", response), Loop("b", response)], ["joint"], "N·m", "rad")
+    two = frequency_figures([Loop("a", response), Loop("b", response)], ["joint"], "rad/(N·m)")
     assert "smallest distance" not in two[2].caption
     assert "b</text>" in two[1].svg  # its name; what is drawn of every law stands in the caption
     assert "S: how much" in two[1].caption
-    assert frequency_figures([], ["joint"], "N·m", "rad") == []
+    assert frequency_figures([], ["joint"], "rad/(N·m)") == []
 
 
 def test_poles_of_every_group_are_drawn() -> None:

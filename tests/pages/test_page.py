@@ -112,9 +112,10 @@ def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()
     columns = (Column("way", "°", key="way", scale=2.0), Column("ends", key="ends"))
-    single = joint_table(columns, [{"joint": "a", "way": 2.865, "ends": None}], "", "")
+    units = units_of(design)
+    single = joint_table(units, columns, [{"joint": "a", "way": 2.865, "ends": None}], "", "")
     assert single.rows == [("way", "5.73°"), ("ends", "–")]
-    both = joint_table(columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
+    both = joint_table(units, columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
     assert both.rows == [("a", 2.0, None), ("b", 4.0, None)]
     assert both.stacks
     settings = {
