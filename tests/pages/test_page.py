@@ -31,7 +31,7 @@ from flexhinf.pages.design.law import mode_table
 from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import joint_table, with_figures
+from flexhinf.pages.drawing import joint_table, units_of, with_figures
 from flexhinf.pages.page import (
     design_settings,
     input_rows,
@@ -112,7 +112,7 @@ def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()
     columns = (Column("way", "°", key="way", scale=2.0), Column("ends", key="ends"))
-    units = units_of(design)
+    units = units_of(design.evaluation)
     single = joint_table(units, columns, [{"joint": "a", "way": 2.865, "ends": None}], "", "")
     assert single.rows == [("way", "5.73°"), ("ends", "–")]
     both = joint_table(units, columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
@@ -341,15 +341,16 @@ def test_every_remark_stands_once_in_its_section(report_design: Make) -> None:
 def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(report_design: Make) -> None:
     design = report_design("cart")
     for section, units in {
-        "step": ("m or rad", "N or N·m"),
-        "load": ("N or N·m",),
-        "law": ("m or rad", "N or N·m"),
+        "step": (" m ", " rad ", " N ", " N·m "),
+        "load": (" N ", " mm ", " N·m ", " mrad "),
+        "law": (" m ", " rad ", " N ", " N·m "),
         "weights": ("1/m", "1/rad", "1/(N/s)", "1/(N·m/s)"),
         "specification": (" N ", " N·m "),
     }.items():
         text = text_of(design, section)
         assert all(unit in text for unit in units), section
-    assert "±300 N or N·m, beyond" in text_of(design, "step")
+        assert section == "weights" or not re.search(r"\b(m|N|mm) or ", text), section
+    assert "±300 N, ±300 N·m, beyond" in text_of(design, "step")
     verdict = page_of(design).verdict
     assert "(belt)" in verdict or "(arm)" in verdict
     for line in design.requirements:
