@@ -14,6 +14,7 @@ from tests.tiers import ci_and_night
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.identification.identify import searched
+from flexhinf.identification.information import Information
 from flexhinf.identification.unknowns import Unknowns, robot_numbers
 from flexhinf.robot import Parameter
 
@@ -97,6 +98,23 @@ def test_what_the_log_cannot_tell_is_said(partly_found):
     assert unnamed(untold.text, "mass", "length") == []
     assert np.isfinite(found.correlations[2, 2])
     assert np.isnan(found.correlations[0, 2])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 1.2])
+def test_combinations_that_are_not_told_have_a_number_each_of_their_own(turn):
+    """Nothing tells the first number, nor the second against the third, whatever basis of both is found."""
+    told = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    slightly = 1e-9 * np.array([np.cos(turn), np.sin(turn), -np.sin(turn), 0.0])
+    matrix = 1e6 * told.T @ told + np.outer(slightly, slightly)
+    found = Information(tuple("abcd"), matrix, matrix[None], np.ones(4, dtype=bool)).unidentifiable
+    expected = {"a": {"a": 1.0}, "b": {"b": 1.0, "c": -1.0}, "c": {"b": -1.0, "c": 1.0}}
+    assert len(found) == 2
+    for each in found:
+        largest = max(each.direction, key=lambda name: each.direction[name])
+        assert each.direction == pytest.approx(expected[largest], abs=1e-6)
+    alone = next(each for each in found if set(each.direction) == {"a"})
+    assert unnamed(alone.text, "any value of a") == []
+    assert np.isinf(alone.standard_error)
 
 
 @pytest.mark.ci("the log of an arm")

@@ -112,7 +112,8 @@ class Information:
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:
         """Combinations that the log does not tell: of several, each has a number that no other has."""
         rows: list[Unidentifiable] = []
-        strengths = 1.0 / self._modes[0]  # 0 where nothing tells the combination
+        # 0 where nothing tells the combination, and for those that are told: the others are at right angles to them.
+        strengths = np.where(self._identifiable, 0.0, 1.0 / self._modes[0])
         for direction in _apart(self._modes[1].T[~self._identifiable]):
             strength = float(strengths @ (self._modes[1].T @ direction) ** 2)
             named = {name: float(s) for name, s in zip(self.names, direction) if abs(s) > SHARE}
