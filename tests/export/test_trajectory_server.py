@@ -142,8 +142,9 @@ def make(follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch) -> Callabl
     return made
 
 
-#: Rows of the table that are about parameters, lifecycle and topics of ros2_control.
+#: Rows of the table that are about messages, parameters, lifecycle and topics of ros2_control.
 OTHER = {
+    "efforts", "topic, path tolerance",
     "path tolerance", "path tolerance 0", "path tolerance −1", "fault in mid-move",
     "deactivated, then active at another pose", "not active", "topic", "empty trajectory on the topic",
 }  # fmt: skip
