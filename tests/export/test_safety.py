@@ -51,6 +51,8 @@ def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
     assert run.provocation is not None
     assert run.provocation.quiet is not None
     assert run.begun + run.provocation.quiet < len(run.y)
+    memories = np.array([*run.provocation.memories.values()])
+    assert not np.signbit(memories[memories == 0.0]).any()  # the test's text has 0 for them
     ever = np.bitwise_or.reduce(run.status)
     assert ever & int(code.able) == int(code.able)
     assert run.path_rate[0] == 1.0
@@ -70,6 +72,20 @@ def test_a_controller_that_changes_slowly_goes_on_from_an_input_within_its_limit
     assert memories
     assert own.memory.named(own.initial_memory()).u < 5.0
     assert all(own.memory.named(memory).u >= 5.0 for memory in memories.values())
+
+
+def test_a_row_that_fails_where_noise_ends_holds_the_input_before_it() -> None:
+    own = watched()
+    rest, start = np.zeros((3, len(own.measured))), own.operating_reference
+    none = np.array(own.initial_memory())
+    none[own.memory.places["belief"].start] = np.nan
+    one = Provocation(
+        rest + 0.01, np.tile(start, (3, 1)), [1] * 3, np.array(own.data_vector), None, None, {2: none}, (), 2
+    )
+    found = one.answered(own)
+    assert found.codes == ["OK", "OK", "BAD_RESULT"]
+    assert np.any(found.u[1] != own.input_before())
+    assert np.array_equal(found.u[2], found.u[1])
 
 
 @pytest.mark.ci("an export")

@@ -347,8 +347,8 @@ def _limits_of_counts(controller: Controller, numbers: np.ndarray, size: int) ->
 
 
 def _short(numbers: np.ndarray) -> np.ndarray:
-    """Numbers of few digits, as each of them stands in the text of a test."""
-    return np.round(numbers, DECIMALS)
+    """Numbers of few digits, as each of them stands in the text of a test, where no zero has a sign."""
+    return np.round(numbers, DECIMALS) + 0.0
 
 
 def _places(controller: Controller, name: str) -> list[int]:

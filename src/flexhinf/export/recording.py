@@ -79,14 +79,17 @@ class Provocation:
         loud = self.feed_to(begun, 0, self.quiet)
         if self.quiet is None:
             return loud
-        return loud.behind(self.feed_to(self.quieted(begun), self.quiet))
+        return loud.behind(self.feed_to(self.quieted(begun), self.quiet, held=loud.u[-1]))
 
-    def feed_to(self, begun: Controller, first: int = 0, end: int | None = None) -> Recording:
-        """What a controller does in rows from the first one to before the end, that has had the rows before."""
+    def feed_to(
+        self, begun: Controller, first: int = 0, end: int | None = None, held: np.ndarray | None = None
+    ) -> Recording:
+        """What a controller does in rows from the first one to before the end, that has had the rows before; `held` is
+        its last output there."""
         part = slice(first, len(self.y) if end is None else end)
         kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(part.start, part.stop)]
         memories = {k - first: memory for k, memory in self.memories.items()}
-        return feed(begun, self.y[part], self.r[part], kinds, self.repeats[part], memories)
+        return feed(begun, self.y[part], self.r[part], kinds, self.repeats[part], memories, held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,10 +318,12 @@ def feed(
     kinds: list[str],
     repeats: Sequence[int] = (),
     memories: Mapping[int, np.ndarray] = NONE,
+    held: np.ndarray | None = None,
 ) -> Recording:
-    """As `replay`, to this controller itself, with other memories before some rows, which may end in nothing finite."""
+    """As `replay`, to this controller itself, with other memories before some rows, which may end in nothing finite;
+    then the output is the last one, `held` before the first row."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
-    held = np.asarray(fresh.input_before(), dtype=float)
+    held = np.asarray(fresh.input_before() if held is None else held, dtype=float)
     inputs, estimates, codes, memory_rows = (
         list[np.ndarray](),
         list[np.ndarray](),
