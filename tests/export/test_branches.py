@@ -177,10 +177,18 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     assert 40 < max(map(len, bodies.values())) <= 120
 
 
-def longest(text: str) -> int:
-    """Lines of the longest function, with its head and its braces."""
-    found = re.finditer(r"^\w[^;{}#]*\)\n{\n.*?^}", text, flags=re.DOTALL | re.MULTILINE)
-    return max(len(function[0].splitlines()) for function in found)
+def whole_functions(text: str) -> list[str]:
+    """Functions with their heads and braces."""
+    return [
+        found[0] for found in re.finditer(r"^\w[^;{}#]*\)\n{\n.*?^}", text, flags=re.DOTALL | re.MULTILINE)
+    ]
+
+
+def unused(function: str) -> list[str]:
+    """Pointers that it declares and does not use."""
+    code = re.sub(r"/\*.*?\*/", "", function, flags=re.DOTALL)
+    declared = re.findall(r"\*const (\w+) = ", code)
+    return [name for name in declared if len(re.findall(rf"\b{name}\b", code)) < 2]
 
 
 def of_a_workspace(links: str) -> fh.Controller:
@@ -190,11 +198,13 @@ def of_a_workspace(links: str) -> fh.Controller:
 
 
 SEVEN = "workspace of seven joints"
+SENSORS = ("link_position", "motor_position", "joint_torque")
 
 #: Controllers with short and long steps, and types.
 LONG = {
     "paper": (lambda: arm_controller(), "float"),
     "takeover": (lambda: arm_controller(start="bumpless"), "float"),
+    "sensors": (lambda: arm_controller(measured=SENSORS, limit=20.0, latency=2), "double"),
     "two links in float": (two_links, "float"),
     "two links": (two_links, "double"),
     "two links, extended": (lambda: arm_controller("planar-two-link", fh.ExtendedKalmanFilter), "double"),
@@ -207,7 +217,9 @@ LONG = {
 
 def is_short(kind: str) -> bool:
     made, real = LONG[kind]
-    return 40 < longest(code_of(made(), "arm", real).source) <= 120
+    every = whole_functions(code_of(made(), "arm", real).source)
+    assert [name for function in every for name in unused(function)] == []
+    return 40 < max(len(function.splitlines()) for function in every) <= 120
 
 
 def test_no_function_is_longer_than_a_page() -> None:

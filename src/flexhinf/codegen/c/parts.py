@@ -73,8 +73,8 @@ class Parts:
         return ""
 
     def declared(self, lines: Sequence[str], real: str) -> Iterator[str]:
-        """The pointers that lines use."""
-        text = "\n".join(lines)
+        """The pointers that lines use, but for words of comments."""
+        text = re.sub(r"/\*.*?\*/", "", "\n".join(lines), flags=re.DOTALL)
         used = set(re.findall(r"\w+", text))
         for part in self.parts:
             if (name := self._pointer(part)) in used and not name.isupper():
