@@ -376,8 +376,8 @@ CHANGES = {
     "a goal that waits": ("state->wait -= 1;", ";"),
     "a tolerance": ("error[j] <= most", "error[j] > most"),
     "a time-out": ("late > options->timeout", "late <= options->timeout"),
-    "what is refused": ("q <= high[j]", "q > high[j]"),
-    "a row": ("<= twists[j]", "> twists[j]"),
+    "what is refused": ("q <= arm_follow_high[j]", "q > arm_follow_high[j]"),
+    "a row": ("<= arm_follow_twists[j]", "> arm_follow_twists[j]"),
 }
 
 
