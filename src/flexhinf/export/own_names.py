@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 #: Comments and strings, which stay as they are, or a name that is no member of a structure.
-TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\])*"|(?<![\w.>])[A-Za-z_]\w*', re.DOTALL)
+TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\])*"|(?<![\w.>])([A-Za-z_]\w*)(\(?)', re.DOTALL)
 
 #: A static function or table at the beginning of a line, or the end of a table of structures.
-STATIC = re.compile(r"^(?:static\b[^=;({]*?\b|\} )(\w+)(?:\(|\[)", re.MULTILINE)
+STATIC = re.compile(r"^(?:static\b[^=;({]*?\b|\} )(\w+)(\(|\[)", re.MULTILINE)
 
 #: Constants between the braces of an enumeration.
 ENUMERATION = re.compile(r"^enum \{\n(.*?)^\};", re.MULTILINE | re.DOTALL)
@@ -27,7 +27,8 @@ def with_own_names(text: str, name: str) -> str:
     constants = [
         one for part in ENUMERATION.findall(code) for one in re.findall(r"^\s*(\w+) = ", part, re.MULTILINE)
     ]
-    own = dict.fromkeys(one for one in [*STATIC.findall(code), *constants] if not one.startswith(starts))
+    static = dict(STATIC.findall(code))
+    own = dict.fromkeys(one for one in [*static, *constants] if not one.startswith(starts))
     known = set(re.findall(r"\w+", text))
     for one in own:
         longer = f"{name.upper()}_{one}" if one.isupper() else f"{name}_{one}"
@@ -36,7 +37,10 @@ def with_own_names(text: str, name: str) -> str:
         own[one] = longer
 
     def renamed(found: re.Match[str]) -> str:
-        return own.get(found[0]) or found[0]
+        word, bracket = found[1], found[2]
+        if word not in own or (static.get(word) == "(" and not bracket):  # a variable beside a function
+            return found[0]
+        return f"{own[word]}{bracket}"
 
     macros = dict.fromkeys(macro for macro in MACRO.findall(code) if not macro.startswith(starts))
     ends = "".join(f"#undef {macro}\n" for macro in macros)

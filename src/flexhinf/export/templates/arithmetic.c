@@ -54,15 +54,15 @@ static int @{name}_exact(void)
     computed[2] = least * half;
     const @{real} ratio = computed[0], square = computed[1], tiny = computed[2];
     int wrong = 0;
-    wrong += (@{name}_is(one + small, one) != 0) ? 0 : 1;                      /* to nearest */
-    wrong += (@{name}_is(one - small / 4.0@{f}, one) != 0) ? 0 : 1;                /* to its own type */
-    wrong += (@{name}_is((one + small) - one, 0.0@{f}) != 0) ? 0 : 1;              /* not in another order */
-    wrong += (@{name}_is((one - step) - one, -step) != 0) ? 0 : 1;
-    wrong += (@{name}_is((one + step) * (again + step) - square, 0.0@{f}) != 0) ? 0 : 1; /* products rounded before sums */
-    wrong += (@{name}_is(five / 6.0@{f}, ratio) != 0) ? 0 : 1;                     /* no product with a reciprocal */
-    wrong += (copysign@{f}(one, zero + 0.0@{f}) > 0.0@{f}) ? 0 : 1;     /* zeros with signs */
-    wrong += (tiny > 0.0@{f}) ? 0 : 1;                              /* numbers below the normal ones */
-    wrong += (@{name}_is(tiny + tiny, least) != 0) ? 0 : 1;
+    wrong += 1 - @{name}_is(one + small, one); /* to nearest */
+    wrong += 1 - @{name}_is(one - small / 4.0@{f}, one); /* to its own type */
+    wrong += 1 - @{name}_is((one + small) - one, 0.0@{f}); /* not in another order */
+    wrong += 1 - @{name}_is((one - step) - one, -step);
+    wrong += 1 - @{name}_is((one + step) * (again + step) - square, 0.0@{f}); /* products rounded before sums */
+    wrong += 1 - @{name}_is(five / 6.0@{f}, ratio); /* no product with a reciprocal */
+    wrong += (copysign@{f}(one, zero + 0.0@{f}) > 0.0@{f}) ? 0 : 1; /* zeros with signs */
+    wrong += (tiny > 0.0@{f}) ? 0 : 1; /* numbers below the normal ones */
+    wrong += 1 - @{name}_is(tiny + tiny, least);
     wrong += (isfinite(nan) == 0) ? 0 : 1;
     wrong += (isnan(nan) != 0) ? 0 : 1;
     wrong += (nan <= one) ? 1 : 0;
