@@ -113,7 +113,7 @@ def test_combinations_that_are_not_told_have_a_number_each_of_their_own(turn):
         largest = max(each.direction, key=lambda name: each.direction[name])
         assert each.direction == pytest.approx(expected[largest], abs=1e-6)
     alone = next(each for each in found if set(each.direction) == {"a"})
-    assert unnamed(alone.text, "any value of a") == []
+    assert unnamed(alone.text, "any value", "a") == []
     assert np.isinf(alone.standard_error)
 
 
