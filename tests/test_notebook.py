@@ -14,13 +14,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design.requirements import Requirement
-from flexhinf.notebook import (
-    StatedRepr,
-    Summarised,
-    names_text,
-    stated_text,
-    table_html,
-)
+from flexhinf.notebook import StatedRepr, Summarised, names_text, stated_text, table_html
 from flexhinf.numerals import number_text
 from flexhinf.pages.pictures import robot_picture
 

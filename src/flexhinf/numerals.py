@@ -83,14 +83,14 @@ def _rounded(value: float, digits: int, rounding: str, decimals: int | None = No
 
 
 def number_text(value: float, unit: str = "", digits: int = 4) -> str:
-    """A number with its unit.
+    """A number with its unit, degrees without a space.
 
     Examples
     --------
-    >>> number_text(3.2e-7, "rad"), number_text(0.30000000000000004)
-    ('3.2·10⁻⁷ rad', '0.3')
+    >>> number_text(3.2e-7, "rad"), number_text(0.30000000000000004), number_text(30.0, "°")
+    ('3.2·10⁻⁷ rad', '0.3', '30°')
     """
-    return f"{number(value, digits)} {unit}".rstrip()
+    return f"{number(value, digits)}{'' if unit == '°' else ' '}{unit}".rstrip()
 
 
 def without_noise(value: float, limit: float) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.numerals import number, without_noise
+from flexhinf.numerals import number_text, without_noise
 from flexhinf.validation import read_toml
 
 if TYPE_CHECKING:
@@ -66,9 +66,8 @@ class DesignVerdict:
         names, texts = [row["what"] for row in missed], []
         for row in missed:
             unit, factor = display_unit(row["unit"], row["asked"], degrees)
-            space = "" if unit in ("", "°") else " "
             numbers = without_noise(row["found"], row["asked"]), row["asked"]
-            found, limit = (f"{number(factor * value, 3)}{space}{unit}" for value in numbers)
+            found, limit = (number_text(factor * value, unit, 3) for value in numbers)
             found = "diverges" if math.isinf(row["found"]) else found
             where = f", {row.get('where') or 'nominal robot'}" if names.count(row["what"]) > 1 else ""
             texts.append(f"{row['what']}{where}: {found} ({row['limit']} {limit})")

@@ -148,9 +148,7 @@ def _apart(directions: np.ndarray) -> np.ndarray:
         rows[k] /= rows[k, column]
         others = np.arange(len(rows)) != k
         rows[others] -= rows[others, column, None] * rows[k]
-    return (
-        rows / np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1) if len(rows) else rows
-    )
+    return rows / np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
 
 
 def _alone(information: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, Interval, Requirement
-from flexhinf.numerals import number
+from flexhinf.numerals import number, number_text
 from flexhinf.robot.signals import UNITS
 
 #: Labels of metrics in sentences; others are written with spaces.
@@ -95,8 +95,7 @@ def display_scale(unit: str, degrees: bool) -> tuple[float, str]:
 def value_text(value: float, unit: str, degrees: bool = False) -> str:
     """A number with its unit; infinity is a time that is never reached."""
     value, unit = readable(value, unit, degrees)
-    space = "" if unit == "°" else " "
-    return "never" if np.isinf(value) else f"{number(value, 3)}{space}{unit}".strip()
+    return "never" if np.isinf(value) else number_text(value, unit, 3)
 
 
 def readable(value: float, unit: str, degrees: bool = False) -> tuple[float, str]:

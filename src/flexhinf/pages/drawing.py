@@ -13,7 +13,7 @@ import numpy as np
 
 from flexhinf.copies import shared_out
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.numerals import number
+from flexhinf.numerals import number, number_text
 from flexhinf.plant import Plant
 from flexhinf.report import (
     INK,
@@ -303,8 +303,7 @@ class Units:
 
     def text(self, value: float, unit: str, joint: str, digits: int = 3) -> str:
         """A value, in its unit already, with the unit of one joint."""
-        own = self.of(unit, joint)
-        return f"{number(value, digits)}{'' if own == '°' else ' '}{own}"
+        return number_text(value, self.of(unit, joint), digits)
 
     def small_text(self, value: float, digits: int, joint: str = "") -> str:
         """A small deviation of a joint with its unit; without a joint, of those that turn and those that slide."""
@@ -313,9 +312,7 @@ class Units:
             kinds = {self.of(unit, joint): self.factor_of(scale, joint)}
         else:
             kinds = {self.of(unit, name): self.factor_of(scale, name) for name in self.joints}
-        texts = [
-            f"{number(factor * value, digits)}{'' if u == '°' else ' '}{u}" for u, factor in kinds.items()
-        ]
+        texts = [number_text(factor * value, own, digits) for own, factor in kinds.items()]
         return " or ".join(sorted(texts, key=lambda text: text.endswith("mm")))
 
     def effort_text(self, limits: np.ndarray) -> str:
@@ -462,7 +459,7 @@ def joint_table(
     rows = []
     for column, value in zip(columns, Table.of(columns, records).rows[0]):
         if isinstance(value, (int, float)):
-            value = f"{number(float(value))}{'' if column.unit == '°' else ' '}{column.unit}".strip()
+            value = number_text(float(value), column.unit)
         rows.append((column.name, value or "–"))
     return Table(("", "value"), rows, caption, name, title=title)
 

@@ -24,13 +24,7 @@ from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.numerals import number
 from flexhinf.pages.design.step import viewing_plane
 from flexhinf.pages.drawing import DOTTED, framed, line_style
-from flexhinf.report import (
-    GRID,
-    INK,
-    MUTED,
-    SERIES,
-    house_style,
-)
+from flexhinf.report import GRID, INK, MUTED, SERIES, house_style
 from flexhinf.robot.kinematics import magnification, skeleton
 from flexhinf.robot.signals import signal_names
 from flexhinf.validation import checked_path, install_advice

@@ -16,7 +16,7 @@ from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.identification.explanations import HYSTERESIS, Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
-from flexhinf.numerals import ends_text, number
+from flexhinf.numerals import ends_text, number, number_text
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
@@ -215,8 +215,8 @@ def _cause_advice(result: IdentifiedRobot) -> Iterator[str]:
             yield f"`{cause.lines}` in the robot's file, and then `--parameters …,{name}`"
         elif cause.kind == HYSTERESIS:
             yield (
-                f"a tolerance of the stiffness that covers its slope, as no model has the {cause.size:.3g} "
-                f"{cause.unit} by which the spring's torque differs on its way back"
+                f"a tolerance of the stiffness that covers its slope, as no model has the "
+                f"{number_text(cause.size, cause.unit, 3)} by which the spring's torque differs on its way back"
             )
 
 

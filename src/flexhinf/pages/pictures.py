@@ -17,16 +17,7 @@ from flexhinf.pages.design.overview import lead
 from flexhinf.pages.design.step import arm_plane
 from flexhinf.pages.drawing import figure_block
 from flexhinf.pages.workspace import workspace_lead
-from flexhinf.report import (
-    INK,
-    MUTED,
-    SERIES,
-    Figure,
-    house_style,
-    label,
-    legend,
-    panels,
-)
+from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, panels
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
 

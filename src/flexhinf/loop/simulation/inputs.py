@@ -243,8 +243,7 @@ def check_turns(
     functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
     """
     parts: Sequence[SignalLike] = [reference] * len(names)
-    if isinstance(reference, Mapping):
-        named = cast("Mapping[str, SignalLike]", reference)
+    if (named := _by_channel(reference)) is not None:
         parts = [named.get(name) for name in names]
     elif isinstance(reference, (list, tuple)):
         parts = cast("Sequence[SignalLike]", reference)
@@ -273,11 +272,15 @@ LATER = 1.0 + 4.0 * np.finfo(float).eps
 MOST_NUMBERS = 200_000_000
 
 
+def _by_channel(signal: SignalLike) -> Mapping[str, SignalLike] | None:
+    """A signal that has a part for each of some names; None for any other."""
+    return cast("Mapping[str, SignalLike]", signal) if isinstance(signal, Mapping) else None
+
+
 def by_name(signal: SignalLike, plant: Plant | BlackBox) -> SignalLike:
     """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
-    if not isinstance(signal, Mapping):
+    if (named := _by_channel(signal)) is None:
         return signal
-    named = cast("Mapping[str, SignalLike]", signal)
     members = {member: part for name, part in named.items() for member in plant.groups.get(name, ())}
     return {**members, **{name: part for name, part in named.items() if name not in plant.groups}}
 
@@ -294,8 +297,7 @@ def sample_signal(
     """
     if signal is None:
         return np.zeros((len(times), len(channels)))
-    if isinstance(signal, Mapping):
-        named = cast("Mapping[str, SignalLike]", signal)
+    if (named := _by_channel(signal)) is not None:
         for name in named:
             one_of(f"There is no {what} {name!r}.", name, channels)
         signal = [named.get(name) for name in channels]
@@ -361,12 +363,9 @@ def sample_disturbance(
     starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
     times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
     times, disturbance = times.ravel(), np.zeros((samples, room, 3, len(channels)))
-    named: Mapping[str, SignalLike] = {}
-    whole: SignalLike = signal
-    if isinstance(signal, Mapping):
-        named = cast("Mapping[str, SignalLike]", signal)
-    if not isinstance(signal, Mapping) or set(named) - set(channels):
-        values = sample_signal(whole, times, channels, "disturbance")
+    named = _by_channel(signal)
+    if named is None or set(named) - set(channels):
+        values = sample_signal(signal, times, channels, "disturbance")
         disturbance[:, :parts] = values.reshape(samples, parts, 3, len(channels))
         return disturbance
     for name, part in named.items():  # one channel at a time: all of them are 0.2 GB for 5 s of seven links

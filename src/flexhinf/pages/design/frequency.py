@@ -31,14 +31,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.pages.settings import damping_text
-from flexhinf.report import (
-    INK,
-    MUTED,
-    Column,
-    Figure,
-    Paragraph,
-    Table,
-)
+from flexhinf.report import INK, MUTED, Column, Figure, Paragraph, Table
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3

@@ -30,16 +30,7 @@ from flexhinf.pages.drawing import (
     thin,
     units_of,
 )
-from flexhinf.report import (
-    MUTED,
-    SERIES,
-    Column,
-    Figure,
-    Listing,
-    Paragraph,
-    Table,
-    finite,
-)
+from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, finite
 from flexhinf.robot.modes import Mode
 from flexhinf.scalars.spectral import damping_ratio
 

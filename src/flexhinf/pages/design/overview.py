@@ -111,7 +111,7 @@ def _end_after_settling(axes: Any, e: LawEvaluation) -> None:
     """End the time axis some time after the last robot has settled, where all of them do."""
     times = [e.step.settling.value, *([] if e.step_samples is None else e.step_samples.settling.tolist())]
     end = float(e.step.run.time[-1])
-    if times and np.isfinite(times).all() and max(times) > 0.0:
+    if np.isfinite(times).all() and max(times) > 0.0:
         axes.set_xlim(0.0, min(1.5 * max(times), end))
 
 

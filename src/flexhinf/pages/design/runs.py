@@ -40,15 +40,7 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.report import (
-    MUTED,
-    SERIES,
-    Column,
-    Figure,
-    Paragraph,
-    Table,
-    finite,
-)
+from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite
 from flexhinf.robot import Weighing
 from flexhinf.robot.elastic import DRY
 from flexhinf.robot.parameters import payload_masses

@@ -74,11 +74,11 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
     first, second = (e.setup.joints[int(np.argmax(row))] for row in (np.abs(e.step.inputs[at]), late))
     if s.estimator != "none" and 0 < at < STARTING < len(sizes) and sizes[at] >= MUCH * later:
         yield note(
-            f"The peak input of {number(float(sizes[at]), 3)} {units.of(units.effort, first)}"
+            f"The peak input of {units.text(float(sizes[at]), units.effort, first)}"
             f"{in_joint(first, e.setup.joints)} occurs "
             f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the estimator is still "
-            f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
-            f"{units.of(units.effort, second)}. Let the estimator run before the law takes over."
+            f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is "
+            f"{units.text(later, units.effort, second)}. Let the estimator run before the law takes over."
         )
     yield from (lambda: _step_figure(e, units), lambda: arm_of(e))
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
@@ -166,7 +166,7 @@ def peak_text(response: Response, units: Units) -> str:
     """The largest input of a run, with its joint where there are several."""
     joint = response.peak.joint
     where = "" if response.diverged_at is not None else in_joint(joint, response.joints)
-    return f"{number(response.peak_input, 3)} {units.of(units.effort, joint)}{where}"
+    return f"{units.text(response.peak_input, units.effort, joint)}{where}"
 
 
 def stiffness_of(plant: Plant, robot: Robot, rigid: float) -> np.ndarray:
@@ -238,11 +238,8 @@ def difference_text(own: Response, other: Response, units: Units) -> str:
         return "it diverges" if other.diverged_at is not None else "it does not diverge"
     apart = units.scale * np.abs(other.positions - own.positions).max(axis=0)
     joint = own.joints[int(np.argmax(apart))]
-    unit = units.of(units.angle, joint)
-    return (
-        f"link positions differ by at most {number(float(apart.max()), 2)}{'' if unit == '°' else ' '}{unit}"
-        f"{in_joint(joint, own.joints)}"
-    )
+    size = units.text(float(apart.max()), units.angle, joint, 2)
+    return f"link positions differ by at most {size}{in_joint(joint, own.joints)}"
 
 
 # The arm ------------------------------------------------------------------------------------------------

@@ -24,15 +24,7 @@ from flexhinf.pages.drawing import (
     range_text,
 )
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import (
-    INK,
-    SERIES,
-    Column,
-    Figure,
-    Paragraph,
-    Table,
-    finite,
-)
+from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, finite
 from flexhinf.robot.signals import signal_names
 
 PRESETS = {
