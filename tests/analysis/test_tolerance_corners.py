@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +19,8 @@ from flexhinf.analysis import (
     LINK_VELOCITIES,
     MOTOR_VELOCITIES,
     EquilibriumLoop,
+    GrowthRates,
+    Population,
     ProcessNoise,
     ToleranceBox,
     corner_population,
@@ -211,3 +216,42 @@ def test_many_numbers_are_sampled_and_said_to_be(two_link: Robot, two_link_law: 
     assert found.swept == () == found.forms
     again = tolerance_corners(loop, two_link.corner, two_link.uncertain, seed=0)
     assert np.array_equal(found.designed.rates, again.designed.rates)
+
+
+@pytest.mark.parametrize(("nominal", "factor"), [(-0.5, (0.5, 1)), (-30.0, (math.inf, -1)), (0.0, (0.0, -1)),
+                                                 (0.5, (0.0, -1))])  # fmt: skip
+def test_a_loop_that_grows_slowly_has_no_room_for_tolerances(
+    nominal: float, factor: tuple[float, int]
+) -> None:
+    """A loop whose rate of growth is its only number less 40: the second corner is at its edge first."""
+    loop: Any = SimpleNamespace(modes=lambda numbers, noise: SimpleNamespace(rate=numbers[:, 0] - 40.0))
+    box = ToleranceBox(None, np.array([40.0 + nominal]), np.array([[-1.0], [1.0], [0.3]]))  # type: ignore[arg-type]
+    assert box.edge(loop) == pytest.approx(factor, rel=1e-3)
+
+
+def test_a_noise_between_two_of_the_grid_with_which_the_loop_grows_faster_is_taken_too(
+    arm: Robot, cubic: HJISolution, only_uncertain: Callable[..., Robot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Growth by the noise's level alone, with one peak for one form, between two levels of the grid."""
+    few, loop, form = only_uncertain(arm, "mass"), loop_of(arm, cubic), FORMS[-1]
+    levels = sorted(noise.q for noise in standard_noises(loop) if noise.form == form)
+    peak = math.sqrt(levels[2] * levels[3])
+
+    def growth(noise: ProcessNoise | None) -> float:
+        at = math.inf if noise is None or noise.form != form else abs(math.log10(noise.q / peak))
+        return -1.0 + 0.5 * math.exp(-50.0 * at**2)
+
+    def rates(
+        _: object, population: Population, noises: Any = (None,), plants: Any = None, **__: object
+    ) -> tuple[GrowthRates, ...]:
+        chosen = np.arange(len(population)) if plants is None else plants
+        kinds = population.kinds[chosen]
+        return tuple(GrowthRates(n, np.full(len(chosen), growth(n)), kinds, chosen) for n in noises)
+
+    monkeypatch.setattr(importlib.import_module("flexhinf.analysis.corners"), "growth_rates", rates)
+    found = tolerance_corners(loop, few.corner, few.uncertain)
+    grid = set(standard_noises(loop))
+    (between,) = (swept.noise for swept in found.swept if swept.noise not in grid)
+    assert between is not None
+    assert between.form == form
+    assert between.q == pytest.approx(peak, rel=0.4)

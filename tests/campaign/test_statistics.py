@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from scipy import stats
 
-from flexhinf.campaign import success_interval
+from flexhinf.campaign import sensitivity, success_interval
+from flexhinf.campaign.metrics import Requirement
+from flexhinf.campaign.results import CampaignJudgement
 from flexhinf.errors import InvalidInput
 
 
@@ -61,3 +65,33 @@ def test_it_covers_every_rate_as_often_as_it_says(count):
 def test_what_is_no_fraction_is_refused(successes, count):
     with pytest.raises(InvalidInput, match=f"fraction(?s:.)* {successes} of {count}"):
         success_interval(successes, count)
+
+
+@pytest.mark.parametrize(("weights", "offset"), [((1.0,), 0.0), ((1.0, 3.0), 0.0), ((2.0, -1.0, 3.0), 1e3)])
+def test_a_sum_has_the_sensitivities_of_its_weights(weights, offset):
+    """Independent numbers of one distribution: shares of the squares of their weights, whatever is added."""
+    numbers, names = np.random.default_rng(0).uniform(-1.0, 1.0, (400, len(weights))), "abc"[: len(weights)]
+    found = sensitivity(names, numbers, offset + numbers @ weights)
+    shares = dict(zip(names, np.square(weights) / np.square(weights).sum()))
+    assert found.names == tuple(sorted(names, key=lambda name: -shares[name]))
+    expected = [shares[name] for name in found.names]
+    assert found.first == pytest.approx(expected, abs=0.03)
+    assert found.total == pytest.approx(expected, abs=0.03)
+    assert found.r_squared == pytest.approx(1.0)
+    assert sensitivity(names, numbers, np.full(400, offset)) is None
+
+
+@pytest.mark.parametrize(("limit", "worst"), [("damping<=0.5", 3), ("damping>=0.5", 1), ("other>=0.5", 3)])
+def test_the_worst_sample_is_the_farthest_from_what_is_required(limit, worst):
+    columns = {
+        "sample": np.arange(4), "status": np.array(["completed"] * 4), "other": np.zeros(4),
+        "damping": np.array([0.5, 0.1, np.nan, 0.9]),
+    }  # fmt: skip
+    table = SimpleNamespace(
+        columns=columns,
+        settings={},
+        journal=SimpleNamespace(about={}),
+        names=lambda kind: ["damping", "other"],
+    )
+    judged = CampaignJudgement(table, (Requirement.of(limit, ["damping", "other"]),))
+    assert judged.worst("damping") == judged.worst_of_all == worst

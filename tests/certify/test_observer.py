@@ -16,6 +16,7 @@ from flexhinf.certify import Certificate, Term, Verification, load_certificate
 from flexhinf.certify.certificate import theorem_text
 from flexhinf.certify.checker import statements as checked
 from flexhinf.certify.claim import Observer
+from flexhinf.certify.proof import _storage
 from flexhinf.errors import InvalidInput
 
 BANDWIDTH = 10.0
@@ -210,3 +211,24 @@ def test_a_law_of_degree_three_is_covered_for_smaller_errors() -> None:
     assert error_axes(certificate.observer)[[0, 2]] == pytest.approx((0.039, 0.133), abs=0.001)
     small = scaled(certificate.observer.weight, 0.85)  # M of the search is little larger than need be
     assert unnamed(refusal(certificate, weight=small), "M", "slopes") == []
+
+
+@pytest.mark.parametrize("width", [1, 2, 3])
+def test_the_storage_of_errors_solves_its_equation_for_any_number_of_disturbances(width: int) -> None:
+    """AᵀX + XA + M + XGGᵀX/γ² = 0, with a gain γ that is at least that of the errors and at most twice as large."""
+    rng = np.random.default_rng(width)
+    a, noise = rng.normal(size=(3, 3)) - 4.0 * np.eye(3), rng.normal(size=(3, width))
+    root = rng.normal(size=(3, 3))
+    weight = root @ root.T + np.eye(3)
+    found = _storage(a, noise, weight)
+    assert found is not None
+    x, gain = found
+    pushed = x @ noise @ noise.T @ x / gain**2
+    np.testing.assert_allclose(a.T @ x + x @ a + weight + pushed, 0.0, atol=1e-9)
+    assert np.linalg.eigvalsh(x)[0] > 0.0
+    out = np.linalg.cholesky(weight).T
+    sizes = [
+        np.linalg.norm(out @ np.linalg.solve(1j * w * np.eye(3) - a, noise), 2)
+        for w in np.linspace(0.0, 50.0, 501)
+    ]
+    assert 1.0 < gain / max(sizes) < 2.0

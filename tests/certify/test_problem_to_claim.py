@@ -6,9 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.certify.box import _parts, box_vertices
+from flexhinf.certify.certificate import linear_system
 from flexhinf.certify.problem_to_claim import statement_of
+from flexhinf.errors import InvalidInput
 
 from .definition import Definition
 
@@ -52,7 +56,32 @@ def test_every_term_is_read_as_it_runs() -> None:
                 np.testing.assert_allclose(
                     at.terms(read[i][j]) + 0 * x[:, 0], exact[:, i, j], rtol=1e-12, atol=1e-13
                 )
+    # At 0, where each function is its slope times its argument.
+    along = {"sin": np.cos, "cos": lambda o: -np.sin(o), "exp": np.exp}
+    slopes = [along[f.name](f.offset + f.pi_halves * np.pi / 2) for f in claim.functions]
+    a, b, g, _ = plant.linearise()
+    for read, exact in zip(linear_system(claim, values, slopes), (a, g, b), strict=True):
+        np.testing.assert_allclose(read, exact, rtol=1e-12, atol=1e-12)
+    # The terms of the inequality at the one vertex there is: V_x (f + g2 u), ½ |z|² and ½ |g1ᵀV_xᵀ|².
+    u, slope = at.law(), np.array(at.slope())
+    pushed = [sum(s * g for s, g in zip(slope, column)) for column in zip(*at.disturbance_matrix())]
+    expected = [(slope * at.rates(u)).sum(axis=0), at.squared_output(u) / 2, sum(p**2 for p in pushed) / 2]
+    np.testing.assert_allclose(_parts(claim, box_vertices(claim), x), expected, rtol=1e-9, atol=1e-12)
     square = sum(at.polynomial(row) ** 2 for row in claim.penalty)
     np.testing.assert_allclose(square, 0.81 * (h**2).sum(1), rtol=1e-9)  # 0.9 times the designed penalty
     for read, exact in zip(at.law(), solution.inputs(x).T, strict=True):
         np.testing.assert_allclose(read, exact, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "inside", [lambda a, b: a + 0.3 * np.sin(b), lambda a, b: a + a * b], ids=["function", "product"]
+)
+def test_functions_of_what_is_no_linear_form_are_refused(inside: Any) -> None:
+    plant = fh.Plant(
+        lambda x, u, d, p: np.array([-x[0] + 0.2 * np.cos(inside(*x)) - 0.2 + d[0], -x[1] + u[0]]),
+        lambda x, u, p: x[:1], states=("a", "b"), inputs=("u",), disturbances=("d",),
+    )  # fmt: skip
+    problem = plant.with_objective(fh.Penalty((1.0, 1.0), effort=(1.0,)))
+    solution = fh.solve_hji(problem, 3.0 * fh.smallest_gamma(problem), 2)
+    with refused_with(InvalidInput, "cos"):
+        statement_of(solution, None, None)

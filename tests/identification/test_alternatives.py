@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.identification.test_likelihood import sought
 from tests.logs import arm_log, linear_log, oscillator
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import above_note
-from flexhinf.identification.alternatives import Alternative
+from flexhinf.identification.alternatives import Alternative, Shifts
 from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.pages.identify import IdentifiedRobot, identified_verdict
 
@@ -214,3 +215,24 @@ def test_what_is_known_of_a_sensor_counts(sensors):
     assert right.noise["position"] == pytest.approx(0.01, rel=1e-12 if sensors.noise else 0.2)
     low, high = right.intervals["stiffness"]
     assert low - (high - low) < 40.0 < high + (high - low)
+
+
+@pytest.mark.parametrize("lost", [-1.0, 1.0])
+def test_a_shift_with_which_nothing_can_be_computed_is_passed_over(lost, monkeypatch):
+    """Of one signal one shift, to either side, has no likelihood: what is expected is said of the other signal."""
+    log, shift = linear_log(1, count=200), Shifts.likelihood
+    likelihood, unknowns = sought(log)
+    evaluated, left_out = Shifts.evaluated, []
+
+    def shifted(self, signal=None, samples=0.0, sign=1.0):
+        made = shift(self, signal, samples, sign)
+        if (signal, samples) == (0, lost):
+            left_out.append(made)
+        return made
+
+    monkeypatch.setattr(Shifts, "likelihood", shifted)
+    monkeypatch.setattr(
+        Shifts, "evaluated", lambda self, of, z: None if of in left_out else evaluated(self, of, z)
+    )
+    shifts = Shifts(likelihood.filter, unknowns, unknowns.start, *log)
+    assert {signal for _, _, signal, _ in shifts.expected()} == {1}

@@ -121,6 +121,15 @@ def test_an_ill_log_is_named_with_what_to_do(clean: fh.Log, ill: Any) -> None:
     assert unnamed(found[0].text, *words) == []
 
 
+@pytest.mark.parametrize(("apart", "lost"), [(2.0, 20), (3.1, 40), (1.6, 0), (2.4, 0)])
+def test_rows_are_missing_where_steps_are_whole_ones(clean: fh.Log, apart: float, lost: int) -> None:
+    """Twenty steps of 1999 are so many periods: rows were dropped, or a row came late."""
+    steps = np.full(len(clean) - 1, 1e-3)
+    steps[50::90][:20] *= apart
+    found = fh.examine(replace(clean, times=np.append(0.0, np.cumsum(steps))), ARM, model=False)
+    assert sum(one.count for one in found if one.kind == "dropped") == lost
+
+
 @pytest.mark.ci("compares the log with shifted ones")
 @pytest.mark.parametrize(
     ("change", "kind", "signal", "advice"),

@@ -215,6 +215,7 @@ def test_one_of_an_array_is_named_by_its_place():
         ({"parameters": ()}, ("parameters",)),
         ({"parameters": ("stiffness",), "measured": ("motor",)}, ("motor",)),
         ({"parameters": ("stiffness",), "extras": ("rust",)}, ("rust",)),
+        ({"parameters": ("stiffness",), "disturbance": 0.05, "process_noise": 1e-6}, ("process_noise",)),
     ],
 )
 def test_what_is_unknown_is_refused(arm, arguments, anchors):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -53,6 +55,22 @@ def test_the_gradient_is_that_of_differences():
         ends = [likelihood.evaluate(*unknowns.model(z + sign * step)).value for sign in (-1.0, 1.0)]
         assert found.gradient[k] == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-4, abs=1e-3)
     np.testing.assert_allclose(found.scores.sum(axis=0), found.gradient, rtol=1e-12)
+
+
+def test_unknowns_at_a_bound_are_free_where_the_gradient_points_inside():
+    """Those that a small step along the gradient moves, and those without a slope."""
+    _, found = sought(linear_log(1, count=10))
+    numbers = [replace(found.numbers[0], sign="not negative"), *found.numbers[1:]]
+    noises = replace(found.noises, least=np.array([0.01]))
+    unknowns = Unknowns(found.plant, None, numbers, noises, bounded=True)
+    rng = np.random.default_rng(0)
+    for bound in (unknowns.lowest, unknowns.highest):
+        z = np.where(np.isfinite(bound), bound, unknowns.start)
+        assert 0 < np.isfinite(bound).sum() < len(z)
+        for _ in range(50):
+            gradient = rng.choice([-10.0, -0.1, 0.0, 0.1, 10.0], len(z))
+            moved = (unknowns.inside(z + 1e-6 * gradient) != z) | (gradient == 0.0)
+            assert np.array_equal(unknowns.free(z, gradient), np.flatnonzero(moved))
 
 
 def test_the_likelihood_is_that_of_the_filtered_log():

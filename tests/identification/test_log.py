@@ -18,7 +18,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.identification import log_columns, log_files, log_messages
+from flexhinf.identification import log_columns, log_files, log_messages, log_units
 
 PLANT = fh.paper_arm().plant(("motor_position", "link_position"))
 N = 40
@@ -180,6 +180,15 @@ def test_a_unit_at_the_end_of_a_name_is_its_unit(log_of: Callable[..., fh.Log]) 
     log = log_of(text, columns=columns, time="time_ms")
     np.testing.assert_allclose(log.times, TIMES - TIMES[0], atol=1e-14)
     np.testing.assert_allclose(log.outputs, np.column_stack([MOTOR, LINK]), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("deg_elbow", ("deg", "rad")), ("elbow_deg", ("deg", "rad")), ("elbow_A", ("A", "A")), ("A_elbow", ("", "")),
+     ("s_elbow", ("", "")), ("m", ("", ""))],
+)  # fmt: skip
+def test_a_letter_at_the_front_of_a_name_is_no_unit(name: str, unit: tuple[str, str]) -> None:
+    assert log_units.named_unit(name) == unit
 
 
 def test_late_sensors_are_moved_back(log_of: Callable[..., fh.Log]) -> None:

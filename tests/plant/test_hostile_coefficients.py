@@ -76,6 +76,12 @@ def test_levels_out_of_all_proportion():
 def test_kronecker_coefficients_that_are_no_matrices():
     good = {"f": [[[-1.0]]], "g1": [[[1.0]]], "g2": [[[1.0]]], "h": [[[1.0]]], "r2": 1.0}
     assert fh.PolynomialPlant.from_kronecker(**good).size == (1, 1, 1, 1)
-    for name, wrong in (("f", [3]), ("f", [[[1j]]]), ("g1", ["x"]), ("h", [[[10**400]]])):
+    for name, wrong in (
+        ("f", [3]),
+        ("f", [[[-1.0]], 3.0]),
+        ("f", [[[1j]]]),
+        ("g1", ["x"]),
+        ("h", [[[10**400]]]),
+    ):
         with pytest.raises(fh.InvalidInput):
             fh.PolynomialPlant.from_kronecker(**{**good, name: wrong})

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.drives import SLOWER
 
 from flexhinf import load_robot
 from flexhinf.robot.drive_text import LOOPS
@@ -67,6 +69,17 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     assert "[links.lower]" in text
 
 
+def test_a_link_that_states_no_inertia_is_a_plastic_ball(tmp_path: Path) -> None:
+    point = '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    path = written(tmp_path, link("upper", point, mass=2.0), joint("shoulder", "base", "upper"))
+    text = begun(path).read_text(encoding="utf-8")
+    inertia = tomllib.loads(text)["links"]["upper"]["inertia"]
+    radius = (3.0 * 2.0 / (4.0 * np.pi * 1000.0)) ** (1.0 / 3.0)  # of 1000 kg/m³
+    moment = pytest.approx(0.4 * 2.0 * radius**2, rel=0.01)
+    assert inertia == dict.fromkeys(("xx", "yy", "zz"), moment) | dict.fromkeys(("xy", "xz", "yz"), 0.0)
+    assert load_robot(tmp_path / "begun.toml").joint_names == ("shoulder",)
+
+
 def test_what_a_file_states_is_taken_and_the_rest_is_estimated(tmp_path: Path) -> None:
     gear = (
         '<transmission name="t"><joint name="elbow"/><actuator name="m">'
@@ -112,6 +125,11 @@ def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) 
     assert {finding.severity for finding in result.findings} == {"doubt", "note"}
     assert all(fact.weight < fact.effort for fact in result.joints) or drive in LOOPS
     assert all(np.isfinite(result.robot.effort_limits))
+    for bandwidth in (result.robot[name] for name in result.robot.nominal if "bandwidth" in name):
+        # 30 % slower is what benchmarks take for slow drives.
+        assert bandwidth.interval == pytest.approx(
+            (SLOWER * bandwidth.value, (2.0 - SLOWER) * bandwidth.value)
+        )
 
 
 def test_facts_of_joints_are_those_of_the_robot(tmp_path: Path) -> None:

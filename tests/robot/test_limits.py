@@ -153,3 +153,19 @@ def test_what_a_robot_states_is_kept_by_default():
     assert repr(second) in text
     assert "1.5 rad/s" in text
     assert check_reference(robot, fast, 2.0, speed={second: 1.6, first: 1.0}) == 0.0
+
+
+class Ramp:
+    """A signal with one derivative and no more."""
+
+    def __init__(self, speed):
+        self.speed = speed
+
+    def derivatives(self, t, order):
+        return np.stack([self.speed * t, np.full(len(t), self.speed)])[: order + 1]
+
+
+def test_speeds_need_one_derivative():
+    robot = replace(load_robot("planar-two-link"), speed_limits=(2.0, 1.5))
+    assert check_reference(robot, [Ramp(0.2), Ramp(1.4)], 0.5) == 0.0
+    assert repr(robot.joint_names[1]) in refused(lambda: check_reference(robot, [Ramp(0.2), Ramp(1.6)], 0.5))

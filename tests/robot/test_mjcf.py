@@ -154,6 +154,8 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
         ("<actuator>", "<equality><joint joint1='finger' joint2='other'/></equality><actuator>", "couples"),
         ("<actuator>", "<tendon><fixed stiffness='3'><joint joint='elbow' coef='1'/></fixed></tendon><actuator>",
          "tendon.*stiffness"),
+        ("<actuator>", "<default><tendon stiffness='3'/></default>"
+         "<tendon><fixed><joint joint='elbow' coef='1'/></fixed></tendon><actuator>", "tendon.*stiffness"),
         ('diaginertia="0.02 0.004 0.021"', "", r"'fore'.*incomplete"),
         ('mass="0.4"', 'mass="-0.4"', r"mass.*<inertial>[\s\S]*'-0\.4'"),
         ('armature="0.02"', 'armature="1e31"', r"armature.*<joint>[\s\S]*'1e31'"),

@@ -105,6 +105,7 @@ def test_a_payload_at_a_link_of_a_urdf_is_seen_from_the_joint_that_carries_it(wr
 
 def test_a_single_link_carries_at_twice_its_centre_of_mass_if_nothing_else_is_said():
     robot = load_robot("paper", payload="0..0.5kg")
+    assert [robot.nominal[f"payload_centre_of_mass_{axis}"] for axis in "xyz"] == [2.0, 0.0, 0.0]
     whole = robot.corner({"payload_mass": 1.0})
     assert whole["mass"] == 1.5
     assert whole["mass"] * whole["length"] == pytest.approx(1.0 + 0.5 * 2.0)

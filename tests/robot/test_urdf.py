@@ -405,7 +405,7 @@ def test_a_follower_of_a_joint_that_moves_is_told_to_stand_still_unless_it_is_pl
 @pytest.mark.parametrize("stated", ['damping="-1" friction="3"', 'damping="7" friction="-3"'])
 def test_friction_of_dynamics_is_not_negative(urdf, elastic, stated):
     changed(urdf, ('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/><dynamics {stated}/>'))
-    with refused_with(InvalidInput, "shoulder"):
+    with refused_with(InvalidInput, "shoulder", "<dynamics>", ">= 0"):
         load_robot(urdf, elastic("shoulder", "elbow"))
 
 

@@ -5,7 +5,9 @@ Two links in the horizontal plane with unlike motors are integrated here, by the
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -321,6 +323,14 @@ def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:
         made(supervision=hold)
     with refused_with(InvalidInput, "governor", "-1.0"):
         Governor([0.1], [-1.0], [1.0], [0.0], [1.0])
+
+
+def test_what_resists_a_joint_is_seen_in_its_velocity_in_the_estimate() -> None:
+    own, estimator = (5, 3, 4, 2), SimpleNamespace()
+    places, seen, _ = replace(BACK, resistance=[20.0, 20.0]).places(law(), True, None, own, estimator)  # type: ignore[arg-type]
+    names = [[STATES[place] for place in row[:2]] for row in places]
+    assert names == [[f"link_{kind}_{joint}" for kind in ("position", "velocity")] for joint in "ab"]
+    assert seen == tuple(own[STATES.index(f"link_velocity_{joint}")] for joint in "ab")
 
 
 def test_motors_of_coupled_joints_are_shifted_as_these_joints_turn_them() -> None:

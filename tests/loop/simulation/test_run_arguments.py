@@ -10,7 +10,13 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
-from flexhinf.loop.simulation.inputs import MOST_SAMPLES, check_ranges, sample_count, starting_state
+from flexhinf.loop.simulation.inputs import (
+    MOST_SAMPLES,
+    check_ranges,
+    sample_count,
+    start_text,
+    starting_state,
+)
 from flexhinf.robot import paper_arm
 
 WITH_COIL = paper_arm().plant(inductance=True).states
@@ -26,6 +32,15 @@ def test_by_name_in_order_and_by_default(made):
     np.testing.assert_array_equal(starting_state(named, WITH_COIL, controller), [0.1, 0, 0, 0, 2.0])
     np.testing.assert_array_equal(starting_state([1, 2, 3, 4, 5], WITH_COIL, controller), [1, 2, 3, 4, 5])
     np.testing.assert_array_equal(starting_state([1, 2, 3, 4], WITH_COIL, controller), [1, 2, 3, 4, 0])
+
+
+@pytest.mark.parametrize("apart", [0.3, -0.3, 0.0])
+def test_a_run_says_where_it_starts_beside_the_controller(made, apart):
+    controller, plant = Controller(made.law_about([0.5]), None), paper_arm().plant()
+    x = starting_state(None, plant.states, controller)
+    x[1] += apart
+    text = start_text(plant, x, True, controller, np.zeros(1))
+    assert (f"{plant.states[1]} = {apart:g}," in text) == (apart != 0.0)
 
 
 def test_fewer_values_are_those_of_the_designed_plant_by_name(made):

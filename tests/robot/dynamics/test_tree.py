@@ -6,7 +6,9 @@ from flexhinf.robot import Joint, Placement
 from flexhinf.robot.dynamics import Tree
 
 
-@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3), (1.0, -2.0, 3.0), (0.0, 1.0, 1.0)])
+@pytest.mark.parametrize(
+    "axis", [*np.eye(3), *-np.eye(3), (1.0, -2.0, 3.0), (0.0, 1.0, 1.0), (1.0, 1.0, -2.0)]
+)
 def test_the_aligned_frame_has_the_axis_as_z(axis):
     joint = Joint("a", axis=axis)
     rotation = np.array(joint.alignment)
@@ -27,6 +29,7 @@ def test_placements_compose_and_right_angles_are_exact():
     ry = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
     rz = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
     np.testing.assert_allclose(rolled.rotation, rz @ ry @ rx, atol=1e-15)
+    assert rolled.translation == (0.0, 0.0, 0.0)
 
 
 def test_a_joint_hangs_on_the_one_before_it_unless_told():

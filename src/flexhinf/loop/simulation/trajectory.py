@@ -108,7 +108,7 @@ class Trajectory(Summarised):
         settings: dict[str, Any],
         code: int,
         last: int,
-        doubtful_samples: int = 0,
+        doubtful_samples: int,
     ) -> Trajectory:
         """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
         `program` failed with this code, or before the run was stopped (a negative code)."""
