@@ -79,7 +79,7 @@ def sought(expressions: list[ast.expr]) -> set[str]:
     """Names of what such expressions look for in a text."""
     found: set[str] = set()
     for expression in expressions:
-        for node in [expression, *ast.walk(expression)]:
+        for node in ast.walk(expression):
             parts = [node.left] if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In) else []
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "unnamed":
                 parts += node.args[1:]
@@ -109,24 +109,34 @@ def columns(nodes: list[ast.AST]) -> Iterator[tuple[str, ast.expr]]:
             yield from zip(named, cells)
 
 
+def own_texts(functions: list[tuple[list[ast.AST], list[ast.expr]]]) -> set[str]:
+    """Texts of functions, as their nodes and what they compare, that are not compared."""
+    texts: set[str] = set()
+    for nodes, expressions in functions:
+        held = {id(node) for one in expressions for node in ast.walk(one)}
+        texts |= {
+            node.value
+            for node in nodes
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in held
+        }
+    return texts
+
+
 def sentences(module: ast.Module) -> set[str]:
     """Texts of three words or more that a file of tests looks for, but those that it put in itself."""
     found: set[str] = set()
-    inside: set[str] = set()
+    looking: list[tuple[list[ast.AST], list[ast.expr]]] = []
     classes = [node for node in module.body if isinstance(node, ast.ClassDef)]
     for function in [*module.body, *(node for one in classes for node in one.body)]:
         if isinstance(function, ast.FunctionDef):
             nodes = list(ast.walk(function))
             expressions = list(compared(nodes))
             names = sought(expressions)
-            expressions += [cell for name, cell in columns(nodes) if name in names]
+            if names:
+                expressions += [cell for name, cell in columns(nodes) if name in names]
             found |= {text for one in expressions for text in texts_in(one) if len(words(text)) >= 3}
-            held = {id(node) for one in expressions for node in ast.walk(one)}
-            inside |= {
-                node.value
-                for node in nodes
-                if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in held
-            }
+            looking.append((nodes, expressions))
+    inside = own_texts(looking) if found else set()
     return {text for text in found if not any(text in own for own in inside)}
 
 

@@ -40,7 +40,7 @@ from flexhinf.modal.unstable import smallest_unstable
 from flexhinf.robot import load_robot
 from flexhinf.robot.workspace import workspace_of
 
-PERIOD, ENDS = 1e-3, (60.0**2, 500.0**2)
+PERIOD, ENDS = 1e-3, (100.0**2, 500.0**2)
 
 
 @pytest.fixture(scope="module")
