@@ -10,7 +10,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.certify.box import _parts, box_vertices
-from flexhinf.certify.certificate import linear_system
+from flexhinf.certify.certificate import linear_part, linear_system, quadratic_part
 from flexhinf.certify.problem_to_claim import statement_of
 from flexhinf.errors import InvalidInput
 
@@ -62,6 +62,13 @@ def test_every_term_is_read_as_it_runs() -> None:
     a, b, g, _ = plant.linearise()
     for read, exact in zip(linear_system(claim, values, slopes), (a, g, b), strict=True):
         np.testing.assert_allclose(read, exact, rtol=1e-12, atol=1e-12)
+    # In z = T⁻¹x V_2 is ½ |z|² and r_2 is diagonal, to the 20 bits of T.
+    turn, gain, output = np.array(claim.coordinates), linear_part(claim.law, 3), linear_part(claim.penalty, 3)
+    p, closed = quadratic_part(claim.value, 3), a + b @ gain
+    costs = output.T @ output + gain.T @ np.array(claim.r2) @ gain + p @ g @ g.T @ p / claim.gamma**2
+    for matrix in (p, p @ closed + closed.T @ p + costs):
+        inside = turn.T @ matrix @ turn
+        np.testing.assert_allclose(inside, np.diag(np.diag(inside)), atol=1e-4 * np.abs(inside).max())
     # The terms of the inequality at the one vertex there is: V_x (f + g2 u), ½ |z|² and ½ |g1ᵀV_xᵀ|².
     u, slope = at.law(), np.array(at.slope())
     pushed = [sum(s * g for s, g in zip(slope, column)) for column in zip(*at.disturbance_matrix())]

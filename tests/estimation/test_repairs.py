@@ -93,6 +93,18 @@ def test_the_nearest_semidefinite_matrix_is_taken_and_said(kind):
         assert np.array_equal(again, matrix)
 
 
+@pytest.mark.parametrize("n", [2, 3, 4, 8])
+def test_a_singular_covariance_of_floats_stays_as_it_is_and_nothing_is_said(n):
+    """Products of factors of fewer columns than rows, on scales of their own: indefinite by their rounding alone."""
+    rng = np.random.default_rng(n)
+    for _ in range(100):
+        factor = rng.normal(size=(n, rng.integers(1, n))) * 10.0 ** rng.uniform(-3, 3, (n, 1))
+        given = factor @ factor.T
+        matrix, entry = clipped_covariance(given, n, "initial covariance")
+        assert entry is None
+        assert np.array_equal(matrix, given)
+
+
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
