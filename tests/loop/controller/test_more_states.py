@@ -13,6 +13,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.loop.controller.options import holding_function
 
 # Kernels that run once each: 2 s instead of 4 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -172,6 +173,28 @@ def test_a_load_moves_input_and_state_as_the_equilibrium_does():
         )
         np.testing.assert_allclose(control.balance[0][:, 0], [0.0, 0.0, -1.0 / 80.0, 0.0], atol=1e-12)
         np.testing.assert_allclose(control.balance[1], [[-0.5]], rtol=1e-12)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("sampled", [False, True])
+def test_the_input_that_holds_a_joint_balances_its_spring(sampled):
+    """2 u = K twist keeps the motor's velocity, whatever it is: of the joint's rates as of a map from step to step."""
+
+    def rates(x, u, d, p):
+        return np.array([x[1], 80.0 * (x[2] - x[0]) / 0.7, x[3], (2.0 * u[0] - 80.0 * (x[2] - x[0])) / 0.2])
+
+    def stepped(x, u, d, p):
+        return x + 1e-3 * rates(x, u, d, p)
+
+    plant = fh.Plant(
+        stepped if sampled else rates,
+        lambda x, u, p: x[2:3],
+        ("q", "v", "t", "w"),
+        ("drive",),
+        sampled=sampled,
+    )
+    held = holding_function(plant)(np.array([0.2, 0.1, 0.25, 0.3]))
+    assert float(held) == pytest.approx(80.0 * 0.05 / 2.0, rel=1e-12)
 
 
 @pytest.mark.oracle
