@@ -14,6 +14,7 @@ from benchmarks.workspace.rows import ROWS, kept
 from flint import arb, ctx
 from numpy.polynomial.chebyshev import chebval
 from scipy.linalg import expm
+from tests.refusals import refused_with
 
 from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
@@ -232,6 +233,15 @@ def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung):
         names, sizes = ("lower", "upper", "softer", "stiffer"), tolerance.errors.numbers
         larger = {**numbers, **{names[k]: min(0.99, 1.3 * sizes[k]) for k in kinds}}
         assert isinstance(check_pairs(pair_claim(larger)), int)
+
+
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [("lower", 1.0), ("softer", 1.0), ("period", 0.0), ("input", 0.0), ("rate_weight", 0.0)],
+)
+def test_numbers_at_the_open_ends_of_their_ranges_are_refused(sprung, name, end):
+    with refused_with(InvalidInput, name):
+        pair_claim({**sprung[1], name: end})
 
 
 def forged(numbers, rng):
