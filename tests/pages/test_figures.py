@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import flexhinf as fh
 from flexhinf.design import PoseEvidence
+from flexhinf.pages.campaign import _arms
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
@@ -93,3 +96,28 @@ def test_axes_show_every_finite_value() -> None:
     joint_panel("", "", np.arange(2.0), ["a"], np.array([[0.0], [0.1]]), min_span=1.0).draw(axes)
     assert axes.get_ylim() == pytest.approx((-0.45, 0.55))
     assert len(np.arange(10_000)[thin(np.arange(10_000))]) <= 1500
+
+
+def test_arms_of_a_campaign_are_drawn_where_both_runs_are_finite(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run whose links end in NaN has no place to draw them at."""
+    robot = fh.load_robot("planar-two-link")
+    rests = np.zeros((5, 8))
+    broken = rests.copy()
+    broken[3:, 1] = np.nan
+    runs = dict(
+        enumerate(SimpleNamespace(time=np.arange(5.0), signals={"state": x}) for x in (rests, broken, rests))
+    )
+    request = SimpleNamespace(request=SimpleNamespace(robot=robot))
+    stored = SimpleNamespace(replay=runs.__getitem__), None
+    monkeypatch.setattr("flexhinf.pages.campaign.stored_campaign", lambda folder: stored)
+    monkeypatch.setattr("flexhinf.pages.campaign.stored_request", lambda journal: request)
+    for worst, count in ((1, 0), (2, 1)):  # the median is of sample 0
+        judged: Any = SimpleNamespace(
+            worst_of_all=worst,
+            main="overshoot",
+            column=lambda name, worst=worst: np.where(
+                np.arange(3) == worst, [2.0, 2.0, 2.0], [1.0, 0.0, 0.0]
+            ),
+            table=SimpleNamespace(journal=SimpleNamespace(folder="runs")),
+        )
+        assert len(_arms(judged)) == count
