@@ -207,6 +207,14 @@ def test_a_compiler_for_another_machine_measures_nothing(
     assert re.search(r"tolerance\[PARTS\] = \{ ?0\.05f\b", (folder / "arm_test.c").read_text())
 
 
+def test_commands_of_a_recording_begin_at_the_operating_point() -> None:
+    """Of every joint: their swings have other phases."""
+    one = arm_controller("planar-two-link", kind=None, pose=(0.4, -0.2))
+    r = record(one, samples=12, interrupted=False).r
+    assert r[0] == pytest.approx([0.4, -0.2])
+    assert np.ptp(r, axis=0).min() > 1e-3
+
+
 @pytest.mark.ci("records a test vector of four joints")
 def test_commands_of_the_test_vector_stay_within_the_range_of_a_joint() -> None:
     """At home the quill of the SCARA stands at the end of its range."""

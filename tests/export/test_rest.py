@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import controller_files
+from flexhinf.export.rehearsal import slower
 from flexhinf.plant.joints import standstill_function
 
 # Compiled with flags that stand here; unoptimised are recordings and stacks of 20 exports: half of their time.
@@ -372,6 +374,22 @@ def test_a_motion_that_is_played_more_slowly_has_the_command_of_the_slower_one(
         if rate == 1.0:
             np.testing.assert_array_equal(found, given)
         assert (np.abs(found - expected) <= 5e-3 * np.abs(given - rest) + 1e-9).all()
+
+
+def test_the_rehearsal_expects_inputs_that_are_parabolas_of_the_rate() -> None:
+    """Friction is in proportion to speeds, inertia to their square, and the links stay where they are."""
+    one, robot = controller_of("planar-two-link"), robot_of("planar-two-link")
+    assert one.estimator is not None
+    code: Any = SimpleNamespace(
+        controller=one, real=SimpleNamespace(kind=np.float64, name="double"), sizes={"estimate": 8},
+        signals={"X": one.states}, standstill=standstill_function(one.estimator.plant),
+    )  # fmt: skip
+    rates, _, rows = zip(*slower(code), strict=True)
+    assert len(rates) > 3
+    inputs = np.array(rows)[:, 8:]
+    fitted = [np.polyval(np.polyfit(rates, column, 2), rates) for column in inputs.T]
+    np.testing.assert_allclose(np.transpose(fitted), inputs, rtol=1e-12)
+    np.testing.assert_allclose(rows[0], np.concatenate(robot.operating_point(rows[0][:2])), atol=1e-12)
 
 
 def test_springs_that_are_not_linear_and_coils_have_no_such_function() -> None:

@@ -97,6 +97,9 @@ def test_the_description_has_the_interfaces_of_the_parameters(wild: tuple[fh.Rob
         by_xacro(str(joint.get("name"))) for joint in ElementTree.fromstring(wild[1]["urdf"]).iter("joint")
     ]
     assert names == list(WILD)
+    parts = ElementTree.fromstring(wild[1]["urdf"])
+    ends = [[str(one.find(end).get("link")) for end in ("parent", "child")] for one in parts.iter("joint")]  # type: ignore[union-attr]
+    assert [parent for parent, _ in ends] == ["base_link", ends[0][1]]
 
 
 def test_a_controller_of_no_robot_has_one_joint() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
 import shutil
 import subprocess
@@ -18,7 +19,7 @@ import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.provocation import _memories, _with_memories, provoked
+from flexhinf.export.provocation import _memories, _singular_memories, _with_memories, provoked
 from flexhinf.export.recording import Provocation, memory_hash, record
 from flexhinf.export.safety import CHECKED, SECTIONS
 
@@ -105,6 +106,7 @@ def test_a_rule_is_checked_or_has_a_word() -> None:
     """143 rules of MISRA C:2012, 13 of amendment 1 and 2 of amendment 2."""
     assert sum(SECTIONS.values()) == 158
     assert all(0 < rule <= SECTIONS[section] for section, rules in CHECKED.items() for rule in rules)
+    assert all(list(rules) == sorted({*rules}) for rules in CHECKED.values())  # each of them once
 
 
 @pytest.mark.ci("compiles an export some sixty times")
@@ -142,6 +144,14 @@ def test_covariances_stay_semidefinite_where_float_decides() -> None:
     assert len(kept) > 2
     assert all(map(is_one, kept))
     assert not all(map(is_one, _memories(own, True)))
+
+
+def test_memories_turn_the_arm_into_every_quarter_of_a_turn_and_beyond() -> None:
+    own = arm_controller(kind=fh.ExtendedKalmanFilter)
+    turned = [float(own.memory.named(memory).belief[0][0]) for memory in _singular_memories(own)]
+    assert {math.floor(angle / (0.5 * math.pi)) % 4 for angle in turned} == {0, 1, 2, 3}
+    assert min(turned) < 0.0
+    assert max(turned) > 2.0 * math.pi
 
 
 @pytest.mark.ci("compiles an export three times")
