@@ -130,6 +130,10 @@ def test_a_move_is_slowed_until_every_joint_keeps_its_speed(robot_of: Named) -> 
                  planned(robot, Specification(peak_speed=tuple(most)))):  # fmt: skip
         assert np.all(fastest(slow) <= most)
         assert slow.duration > free.duration
+    # until the motors give it, where no speed is limited
+    strong = planned(limited(robot, effort_limits=(1e3, 1e3)), Specification())
+    slow = planned(limited(robot, effort_limits=1.5 * np.abs(held).max(axis=0)), Specification())
+    assert slow.duration > strong.duration == pytest.approx(free.duration)
     with refused_with(InvalidInput, "'elbow'", "faster", "0.001 rad/s"):
         planned(robot, Specification(peak_speed=(1.0, 1e-3)))
 

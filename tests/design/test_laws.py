@@ -66,6 +66,14 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest(name: str, near: s
         law_names(["pd", name])
 
 
+def test_the_names_of_a_refusal_are_those_of_laws() -> None:
+    with pytest.raises(InvalidInput) as refused:
+        law_kind("nl-hinf-1")
+    names = re.findall(r"'([^']+)'", refused.value.found.rpartition(", got ")[0])
+    assert set(LAWS) < set(names)
+    assert [law_kind(name).name for name in names] == names
+
+
 def test_a_law_on_the_motor_side_measures_the_motor() -> None:
     """A PD acts on the encoder of its motor, not through a filter on the link."""
     assert law_kind("pd").sensors == (("motor_position",),)

@@ -95,6 +95,23 @@ def test_a_robot_without_dry_friction_has_no_such_run(setup):
     assert check_limit_cycle(replace(setup, robot=setup.robot.with_values(none))) is None
 
 
+class Asked(LoopSetup):
+    """Says of a step only for how long it was asked, s."""
+
+    def step(self, duration, values=None, **options):
+        return duration
+
+
+def test_a_run_at_rest_of_short_samples_is_cut_to_what_the_memory_holds(setup):
+    """Two minutes at 1 kHz; of disturbances of all sub-steps, eight bytes each, not more than a quarter of a GB."""
+    for period in (1e-3, 2e-5):
+        known = Asked(**vars_of(with_options(setup, period=period)))
+        samples = cast("Any", check_limit_cycle(known).response) / period
+        parts = known.loop(known.bumpless_controller).sub_steps
+        assert 8 * samples * parts * len(known.true_plant.disturbances) < 2.5e8
+        assert samples == pytest.approx(120.0 / period if period == 1e-3 else 240_000.0)
+
+
 def test_a_stated_zone_that_does_not_fit_is_refused(setup):
     with refused_with(InvalidInput, "dead zone", "['shoulder', 'elbow']", 3):
         check_limit_cycle(with_options(setup, integral_dead_zone=(1e-3, 1e-3, 1e-3)))

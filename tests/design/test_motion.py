@@ -13,7 +13,7 @@ from benchmarks.workspace.metrics import metrics as by_hand
 from flexhinf.design import Specification
 from flexhinf.design.judgement import motion_requirements
 from flexhinf.design.plans import plan_move
-from flexhinf.design.responses import Response, motion_metrics
+from flexhinf.design.responses import Response, joint_limits, motion_metrics
 
 #: Keys of the rows, and attributes of the other route.
 KEYS = {"wrong_way_percent": "wrong_way", "excursion_percent": "excursion", "ripple_percent": "ripple"}
@@ -68,6 +68,20 @@ def test_a_link_is_no_further_from_the_path_than_from_its_command(setup_of: Any)
     )  # fmt: skip
     rows = motion_metrics(setup.limits, cast("Any", run))
     assert [row["path_distance"] for row in rows] == pytest.approx([0.0, 1e-4], abs=2e-6)
+
+
+def test_a_joint_that_should_rest_is_compared_with_the_largest_travel(robot_of: Any) -> None:
+    """And with nothing where no joint moves."""
+    limits, time = joint_limits(robot_of("planar-two-link"), Specification()), np.linspace(0.0, 1.0, 101)
+    for goal, found in (((0.5, 0.3), 4.0), ((0.0, 0.3), None)):
+        way = np.array(goal) - (0.0, 0.3)
+        swings = np.outer(np.sin(30.0 * time), (0.0, 0.02)) + np.outer(np.minimum(2.0 * time, 1.0), way) + (0.0, 0.3)
+        run = SimpleNamespace(
+            diverged_at=None, run=SimpleNamespace(time=time), start=np.array([0.0, 0.3]), goal=np.array(goal),
+            joints=("shoulder", "elbow"), positions=swings, inputs=np.zeros((101, 2)), velocities=np.zeros((101, 2)),
+        )  # fmt: skip
+        moved = motion_metrics(limits, cast("Any", run))[1]["excursion_percent"]
+        assert moved == (found and pytest.approx(found, rel=1e-2))
 
 
 def row(**changes: float) -> dict[str, Any]:

@@ -262,6 +262,17 @@ def test_about_as_many_stages_are_told_as_announced(options: dict[str, Any]) -> 
     ] == []
 
 
+def test_a_preset_that_proves_announces_proofs_in_place_of_degrees() -> None:
+    robot = fh.load_robot("vertical-rig")
+    proved, other = (
+        [name for name, _ in stages(robot, Specification(preset=preset))] for preset in ("proved", "damped")
+    )
+    assert "prove" in proved
+    assert "solve" not in proved
+    assert "solve" in other
+    assert "prove" not in other
+
+
 @pytest.mark.ci("a design of its own")
 def test_about_as_many_stages_of_a_short_design_are_told_as_announced(at_a_pose: Any) -> None:
     made = at_a_pose.design

@@ -34,8 +34,9 @@ def judged(
     slow, fast = margins.pop("damping"), margins.pop("fast", 1.0)
     least_damped = tuple(Mode(complex(-ratio, 1.0) * 60.0, True, "elbow") for ratio in (slow, fast))
     margins["damping_about"] = lambda below: (slow, fast)
+    errors = tuple(Mode(value, True, "shoulder") for value in margins.pop("errors", ()))
     evaluation: Any = SimpleNamespace(
-        corners=corners, estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
+        corners=corners, estimator_modes=errors, margins=SimpleNamespace(**margins), input_noise=noise,
         setup=SimpleNamespace(
             specification=SimpleNamespace(period=1e-3, shows_degrees=lambda robot: False, damped_below_limit=350.0),
             joints=("elbow", "shoulder"),
@@ -98,6 +99,7 @@ def test_a_loop_without_faults_has_an_empty_status() -> None:
             ("load", "elbow", "2 %"),
         ),
         ({"noise": 0.51}, ("noise", "5.1 %", "peak input")),
+        ({"errors": (-2.0 + 62.8j, -4.0 + 90.0j)}, ("estimation error", "10 Hz", "shoulder", "0.032")),
     ],
 )
 def test_what_is_risky_is_named(changes: dict[str, Any], words: tuple[str, ...]) -> None:
@@ -106,8 +108,12 @@ def test_what_is_risky_is_named(changes: dict[str, Any], words: tuple[str, ...])
 
 
 @pytest.mark.parametrize(
-    "changes", [{"damping": 0.11}, {"fast": 0.051}, {"delay_margin_s": 0.0031}, {"noise": 0.49}]
-)
+    "changes",
+    [
+        {"damping": 0.11}, {"fast": 0.051}, {"delay_margin_s": 0.0031}, {"noise": 0.49},
+        {"errors": (0.0, -5.0 + 90.0j)},  # one that swings not at all, and one that decays soon
+    ],
+)  # fmt: skip
 def test_what_is_not_risky_is_not_named(changes: dict[str, Any]) -> None:
     assert judged(**changes).risky == ()
 

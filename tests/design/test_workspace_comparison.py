@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm, solve_discrete_lyapunov
 from tests import workspaces
 from tests.builders import driven_robot
 from tests.refusals import refused_with, unnamed
@@ -78,6 +79,43 @@ def test_the_loop_of_a_rival_is_that_of_the_running_controller(own: WorkspaceSet
     np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
+def regulated(own: WorkspaceSetup, gain: np.ndarray) -> float:
+    """How steeply the cost of a gain of LQG changes with it, relative to the cost: by SciPy, in torques at the joints
+    of (M + J) ω² e, three times as much of (M + J) ω ė, half of (M + J) ω³ ∫e, and of u, each over its limit."""
+    robot, period, n, w = own.robot, own.specification.period, 2, 20.0
+    point = robot.operating_point(POSE)
+    a, b, _, _ = own.law.plant.linearise(*point)
+    whole = expm(period * np.block([[a, b], [np.zeros((n, 5 * n))]]))[: 4 * n]
+    f = np.block([[whole[:, : 4 * n], np.zeros((4 * n, n))], [period * np.eye(n), np.zeros((n, 3 * n)), np.eye(n)]])
+    g = np.vstack([whole[:, 4 * n :], np.zeros((n, n))])
+    joints, zero = replace(own.law, equilibrium=point).joints, np.zeros((n, n))
+    inertia = np.diag(1.0 / (own.authority * joints.torque_per_input)) @ (
+        joints.link_inertia + np.diag(joints.motor_inertia)
+    )
+    errors = np.vstack([
+        np.hstack([w**2 * inertia, *[zero] * 4]), np.hstack([zero, 3.0 * w * inertia, *[zero] * 3]),
+        np.hstack([*[zero] * 4, 0.5 * w**3 * inertia]),
+    ])  # fmt: skip
+
+    def cost(k: np.ndarray) -> float:
+        used = k / own.authority[:, None]
+        return float(np.trace(solve_discrete_lyapunov((f + g @ k).T, errors.T @ errors + used.T @ used)))
+
+    rng, slopes = np.random.default_rng(3), []
+    for _ in range(4):
+        way = 1e-4 * gain * rng.standard_normal(gain.shape)
+        slopes.append(abs(cost(gain + way) - cost(gain - way)) / cost(gain))
+    return max(slopes)
+
+
+def test_the_estimator_expects_torques_in_parts_of_the_limits(own: WorkspaceSetup) -> None:
+    """A quarter of a per cent of the motor's limit on a link, 3 % on the motor, held for a sample: velocities."""
+    joints, limit = own.law.joints, own.authority * own.law.joints.torque_per_input
+    jumps = np.array([0.0025 * limit / np.diag(joints.link_inertia), 0.03 * limit / joints.motor_inertia])
+    found = [own.noise_levels.link_velocities, own.noise_levels.motor_velocities]
+    np.testing.assert_allclose(np.sqrt(found), own.specification.period * jumps, rtol=1e-12)
+
+
 @pytest.mark.oracle
 def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
     """PD by hand, the weight by differences of what a motor carries, and poles of flatness by a Bessel filter."""
@@ -102,6 +140,7 @@ def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
         np.column_stack([(a - x)[2 * n : 3 * n] for a, _ in moved])
     )
     np.testing.assert_allclose(more[:, 2 * n : 3 * n], by_motor, rtol=1e-4, atol=1e-6)
+    assert regulated(own, with_rival(own, "lqg").law.slope_at(POSE)) < 1e-6
     flat = with_rival(own, "flatness-i", share=1e6).law
     law = replace(flat, equilibrium=robot.operating_point(POSE))
     chain = np.array([1.0, *bessel_coefficients(5, 20.0)[::-1]])

@@ -292,6 +292,12 @@ def test_louder_sensors_get_another_estimator():
     assert worst[0] < worst[1]
 
 
+def test_torques_that_are_tried_are_small_parts_of_the_limits():
+    pairs = np.array([*search.RANDOM, *search.MOTORS_RANDOM])
+    assert np.all((pairs > 0.0) & (pairs <= 0.1))
+    assert len({*search.RANDOM}) == len(search.RANDOM)
+
+
 def test_stated_noise_is_kept(monkeypatch):
     few(monkeypatch, BANDWIDTHS=(14.0,), CHOSEN_POSES=2, TRIED_MOVES=1)
     made = setup("planar-two-link", torque_noise=1e-7)

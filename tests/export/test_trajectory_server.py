@@ -93,7 +93,9 @@ class ServedArm:
         for _ in range(samples):
             self.server.sample()
             self.measured.append(self.arm.plant.state()[:2])
-            self.desired.append(np.concatenate(self.server.motion[:2]).tolist())
+            desired, actual, error = (np.concatenate(pair) for pair in self.server.motion.pairs)
+            assert error.tolist() == (desired - actual).tolist()
+            self.desired.append(desired.tolist())
         return self
 
     def ended(self, number: int | None = None) -> tuple[str, int | None]:

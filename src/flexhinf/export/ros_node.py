@@ -23,11 +23,12 @@ from typing import Any, NamedTuple
 from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
+from flexhinf.export.controller_c import MISSING_LIMIT
 from flexhinf.export.names import identifier_of
 from flexhinf.export.realtime import stopping, undisturbed, wait_until
 from flexhinf.export.ros_parameters import AT_START, check_at_start, goal_options, goal_parameters
 from flexhinf.export.ros_state import state_groups, state_values
-from flexhinf.export.trajectory_server import LONGEST_UNSEEN, GoalEnd, RobotIO, TrajectoryServer
+from flexhinf.export.trajectory_server import GoalEnd, RobotIO, TrajectoryServer
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
 from flexhinf.validation import required_package
@@ -497,7 +498,7 @@ def run_ros(
     core: int | None = None,
     watch: Callable[[], bool] | None = None,
     ready: Callable[[RosNode], None] | None = None,
-    longest_unseen: int = LONGEST_UNSEEN,
+    longest_unseen: int = MISSING_LIMIT,
 ) -> RosRun:
     """Run a controller as a ROS 2 node that follows trajectories, until Ctrl-C or the end of `duration`.
 

@@ -19,7 +19,7 @@ from flexhinf.arrays import Numbers, Vector
 from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
-from flexhinf.export.controller_c import code_of
+from flexhinf.export.controller_c import MISSING_LIMIT, code_of
 from flexhinf.export.realtime import check_library
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
@@ -35,9 +35,6 @@ RESTING = 1e-9
 
 #: Share of the inputs, of a ramp that is over but for rounding.
 ROUNDING = 1e-9
-
-#: Samples that a sensor may be silent for.
-LONGEST_UNSEEN = 10
 
 #: Passes in which the pose is found from motors whose springs the weight twists: as in the plugin of ros2_control.
 PASSES = 50
@@ -141,7 +138,7 @@ class TrajectoryServer:
         *,
         library: CompiledController | None = None,
         pose: Numbers = None,
-        longest_unseen: int = LONGEST_UNSEEN,
+        longest_unseen: int = MISSING_LIMIT,
     ) -> None:
         self.robot, self.hardware, self.period = robot, hardware, controller.period
         self.measured, self._longest = controller.measured, longest_unseen

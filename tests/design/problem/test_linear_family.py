@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from flexhinf.design.problem.weights import MEMBERS, LinearFamily
 
@@ -71,6 +73,12 @@ def test_members_are_all_corners_linearised_by_differences_at_their_own_rests(
         changed = robot.with_values(values)  # a robot of its own, not the nominal plant with other parameters
         plant = changed.plant()
         a, b, _ = _slopes(plant, *_rest(plant, np.array(goal)))
+        if not signs:  # the law of the nominal robot acts in samples
+            held = np.zeros((n + 2 * joints, n + 2 * joints))
+            held[:n, :n], held[:n, n + joints :], held[n : n + joints, :joints] = a, b, np.eye(joints)
+            whole = expm(1e-2 * held)[: n + joints]
+            ours = np.hstack(replace(family, period=1e-2).sampled)
+            np.testing.assert_allclose(ours, whole, rtol=1e-5, atol=1e-6 * np.abs(whole).max())
         scale = np.abs(a).max()
         matches = [
             i for i in found if np.abs(family.a[i, :n, :n] - a).max() < 1e-6 * scale

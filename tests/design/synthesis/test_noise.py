@@ -14,13 +14,19 @@ from flexhinf.design import Specification
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.responses import Response
-from flexhinf.design.synthesis.noise import COMPLIANT_BAND, search_noise
+from flexhinf.design.synthesis.noise import COMPLIANT_BAND, FRACTIONS, MORE_FRACTIONS, search_noise
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.loop import Sine
 
 ASKED = Specification(
     preset="damped", pose=(np.pi / 2,), start=(0.0,), extras=("inductance",), degrees=(2,), rays=0
 )
+
+
+def test_few_joints_have_all_ratios_of_many_and_more_from_the_largest_down() -> None:
+    assert set(FRACTIONS) < set(MORE_FRACTIONS)
+    assert [*MORE_FRACTIONS] == sorted(MORE_FRACTIONS, reverse=True)
+    assert max(MORE_FRACTIONS) == 1.0  # a side that is not measured is not known worse than that
 
 
 @pytest.fixture(scope="module")
