@@ -117,6 +117,7 @@ def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     first, other = certify_design(ARM, asked, lambda step: None, lambda *_: None, observer=1.0)
     assert first.certificate is not None
     assert first.certificate.feedback == "output injection observer"
+    assert [step.amplitude for step in first.steps] == [start.amplitude for start in first.certificate.starts]
     assert other.certificate is None
     assert "definite" in other.reason
 

@@ -75,7 +75,11 @@ def test_a_joint_that_should_rest_is_compared_with_the_largest_travel(robot_of: 
     limits, time = joint_limits(robot_of("planar-two-link"), Specification()), np.linspace(0.0, 1.0, 101)
     for goal, found in (((0.5, 0.3), 4.0), ((0.0, 0.3), None)):
         way = np.array(goal) - (0.0, 0.3)
-        swings = np.outer(np.sin(30.0 * time), (0.0, 0.02)) + np.outer(np.minimum(2.0 * time, 1.0), way) + (0.0, 0.3)
+        swings = (
+            np.outer(np.sin(30.0 * time), (0.0, 0.02))
+            + np.outer(np.minimum(2.0 * time, 1.0), way)
+            + (0.0, 0.3)
+        )
         run = SimpleNamespace(
             diverged_at=None, run=SimpleNamespace(time=time), start=np.array([0.0, 0.3]), goal=np.array(goal),
             joints=("shoulder", "elbow"), positions=swings, inputs=np.zeros((101, 2)), velocities=np.zeros((101, 2)),

@@ -78,6 +78,7 @@ def test_frequency_response_and_bode_are_those_of_python_control(design: Any) ->
     )
     turns = (below.lines[0].get_ydata() - np.degrees(np.angle(response.input_loops[:, 0]))) / 360.0
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+    assert (below.get_xscale(), below.get_xlim()) == (above.get_xscale(), above.get_xlim())
     assert "<svg" in figure._repr_html_()
     assert above.get_ylabel().endswith("(dB)")
     assert below.get_xlabel().endswith("(Hz)")

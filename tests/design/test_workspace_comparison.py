@@ -86,7 +86,9 @@ def regulated(own: WorkspaceSetup, gain: np.ndarray) -> float:
     point = robot.operating_point(POSE)
     a, b, _, _ = own.law.plant.linearise(*point)
     whole = expm(period * np.block([[a, b], [np.zeros((n, 5 * n))]]))[: 4 * n]
-    f = np.block([[whole[:, : 4 * n], np.zeros((4 * n, n))], [period * np.eye(n), np.zeros((n, 3 * n)), np.eye(n)]])
+    f = np.block(
+        [[whole[:, : 4 * n], np.zeros((4 * n, n))], [period * np.eye(n), np.zeros((n, 3 * n)), np.eye(n)]]
+    )
     g = np.vstack([whole[:, 4 * n :], np.zeros((n, n))])
     joints, zero = replace(own.law, equilibrium=point).joints, np.zeros((n, n))
     inertia = np.diag(1.0 / (own.authority * joints.torque_per_input)) @ (

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 from functools import cache
 from html import unescape
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -35,6 +35,7 @@ from flexhinf.pages.drawing import joint_table, units_of, with_figures
 from flexhinf.pages.page import (
     design_settings,
     input_rows,
+    key_numbers,
     notes,
     remarks,
     requirement_table,
@@ -60,6 +61,37 @@ def text_of(design: PoseEvidence, section: str) -> str:
     (found,) = [part for part in page_of(design).sections if part.id == section]
     html = re.sub(r"<sup>(.*?)</sup>", r"^\1", found.html())
     return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
+
+
+def test_tiles_say_of_which_robots_a_number_is_and_how_many_have_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of three sampled robots one diverges: it has no overshoot, and does not settle."""
+    unit = SimpleNamespace(effort="V", of=lambda unit, joint: unit)
+    monkeypatch.setattr("flexhinf.pages.page.units_of", lambda e: unit)
+
+    class Samples:
+        settling, overshoot, peak = np.array([[1.0, 2.0, np.inf], [5.0, 4.0, np.inf], [7.0, 8.0, 9.0]])
+        joints = MappingProxyType(dict.fromkeys(("settling", "overshoot", "peak"), ("joint",) * 3))
+
+        def __len__(self) -> int:
+            return 3
+
+    worst = SimpleNamespace(value=0.9, joint="joint")
+    step = SimpleNamespace(settling=worst, overshoot=worst, peak_input=6.0, peak=worst)
+    evaluation = SimpleNamespace(
+        setup=SimpleNamespace(joints=("joint",)), step=step, margins=SimpleNamespace(stable=False),
+        step_samples=Samples(),
+    )  # fmt: skip
+    design: Any = SimpleNamespace(
+        evaluation=evaluation,
+        specification=SimpleNamespace(period=1e-3),
+        robot=SimpleNamespace(joint_names=("joint",)),
+    )
+    settling, overshoot, peak, _ = key_numbers(design)
+    assert unnamed(str(settling.note), "1 of 3", "not settle") == []
+    assert unnamed(str(overshoot.note), "1 of 3", "diverge") == []
+    assert unnamed(str(peak.note), "worst of 3", "9 V") == []
 
 
 @pytest.mark.ci("searches weights and noise of a law of degree 4")

@@ -6,6 +6,7 @@ import dataclasses
 import re
 from html import unescape
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,11 +18,11 @@ import flexhinf as fh
 from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design import Specification, design_workspace
 from flexhinf.design.advice import Advice, Change, Trial
-from flexhinf.design.requirements import REQUIREMENTS
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
-from flexhinf.design.workspace.judgement import holding_requirement
+from flexhinf.design.workspace.judgement import UNHELD, holding_requirement
 from flexhinf.design.workspace.masses import StatedErrors
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.robustness import (
@@ -440,6 +441,13 @@ def test_the_worst_ripple_is_that_of_poses_too(design, monkeypatch):
     loops = (*design.loops[:-1], design.loops[-1]._replace(ripple=7.1))
     number = summary.key_numbers(dataclasses.replace(design, loops=loops))[-1]
     assert (number.value, number.unit) == ("7.1", "%")
+
+
+@pytest.mark.parametrize(("missed", "told"), [((), False), (("ripple",), False), ((UNHELD,), True)])
+def test_limits_of_motors_are_to_check_where_they_are_too_weak(missed, told):
+    lines = [Requirement(what, 0.0, 1.0, "", True, "the move", "") for what in missed]
+    made = SimpleNamespace(missed=lines, robot=fh.paper_arm(), remaining_cause=None)
+    assert (unnamed(summary._to_check(made), "motors", "effort_limit") == []) == told
 
 
 def test_the_damping_of_springs_is_named_and_what_is_unstable_without(design):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import fsolve
 
-from flexhinf.analysis import ALL_STATES, VELOCITIES
+from flexhinf.analysis import ALL_STATES, FORMS, VELOCITIES
+from flexhinf.paper import tolerances
 from flexhinf.paper.loop_setup import GOALS, PaperSettings, PaperSetup
 from flexhinf.paper.tolerances import ToleranceStudy, unstable_of
 
@@ -146,3 +148,60 @@ def test_growth_rates_by_a_loop_made_by_hand(setup: PaperSetup, study: Tolerance
         chosen = [*corners[::256], *near, study.chosen[goal].worst]
         by_hand = [growth_by_hand(setup, dict(setup.population.values[k]), goal) for k in chosen]
         assert by_hand == pytest.approx([rates[k] for k in chosen], abs=1e-4)
+
+
+# What is made of them -----------------------------------------------------------------------------------
+def rates(corners: int, draws: int, fastest: float) -> Any:
+    """Of four corners and four sampled plants, so many unstable."""
+    unstable = [
+        *range(4, 4 - corners, -1),
+        *[-1] * (4 - corners),
+        *range(4, 4 - draws, -1),
+        *[-1] * (4 - draws),
+    ]
+    return SimpleNamespace(
+        rates=np.array(unstable, dtype=float), kinds=np.array(["corner"] * 4 + ["draw"] * 4), fastest=fastest
+    )
+
+
+def test_the_table_has_a_row_for_each_goal_and_form_with_its_range() -> None:
+    swept = [rates(1, 2, 0.3), rates(3, 0, math.inf)]
+    study: Any = SimpleNamespace(
+        true_state=dict.fromkeys(GOALS, rates(0, 0, -0.5)), chosen=dict.fromkeys(GOALS, rates(2, 1, 0.25)),
+        estimated=True, process_noise=1e-7, of_form=lambda form, goal: swept, count=lambda kind: 4,
+        sufficient_alone=lambda group: [STIFF] if len(group) > 1 else [],
+    )  # fmt: skip
+    rows = tolerances._tolerance_table(study).rows
+    assert [row[0] for row in rows] == [name for name in ("90°", "180°") for _ in range(2 + len(FORMS))]
+    assert [row[2:] for row in rows[:2]] == [(0, 0, 0, -0.5, "none"), (2, 2, 1, 0.25, "none")]
+    assert {row[2:] for row in rows[2 : 2 + len(FORMS)]} == {(1, 3, 2, None, STIFF)}
+
+
+@pytest.mark.parametrize(
+    ("overshoot", "settling", "growth", "holds"),
+    [
+        (5.4, 1.05, -0.5, True), (6.2, 1.05, -0.5, False), (5.4, 1.2, -0.5, False), (5.4, 1.05, 0.0, False),
+        (4.6, 0.95, -0.5, True), (math.nan, 1.0, -0.5, False),
+    ],
+)  # fmt: skip
+def test_a_coil_may_change_a_step_a_little_and_no_loop_may_grow(
+    overshoot: float, settling: float, growth: float, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1 % of the step, and a tenth of the settling time, from 5 % and 1 s without the coil."""
+    modes = SimpleNamespace(slowest=lambda count: [np.array([complex(growth, 2.0)])])
+    loop = SimpleNamespace(modes=lambda robots: modes)
+    monkeypatch.setattr(tolerances, "EquilibriumLoop", lambda *_, **__: loop)
+
+    def run(*_: Any, inductance: bool, **__: Any) -> Any:
+        values = (overshoot, settling, 30.0) if inductance else (5.0, 1.0, 30.0)
+        keys = ("overshoot_percent", "settling_time_s", "peak_input")
+        return SimpleNamespace(metrics=lambda: dict(zip(keys, values)))
+
+    setup: Any = SimpleNamespace(
+        nonlinear=None, settings=SimpleNamespace(estimator="ekf", period=1e-3), true_plants={False: None, True: None},
+        estimator=lambda kind: None, run=run, arm=SimpleNamespace(nominal={}),
+    )  # fmt: skip
+    found = tolerances._coil_is_negligible(setup)
+    assert found.verdict is holds
+    if math.isfinite(overshoot):
+        assert found.numbers["largest_overshoot_change_percent"] == pytest.approx(abs(overshoot - 5.0))

@@ -6,6 +6,7 @@ import asyncio
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from flexhinf.studio.folder import WorkingFolder
 from flexhinf.studio.preview import Band, LinearParts, Nominal, stages
 from flexhinf.studio.server import OwnPages
 from flexhinf.studio.session import Session, opened
+from flexhinf.studio.tiles import tiles_of
 from flexhinf.studio.worker import Ticket
 
 BY_KEY = {control.key: control for control in CONTROLS}
@@ -175,6 +177,25 @@ def test_a_run_of_the_band_is_made_again_bit_by_bit(session: Session) -> None:
     instant = len(rows) // 3
     at, position = band.samples.time[instant], float(band.samples.positions[5, instant, 0])
     assert band.nearest(0, at, position) == 5
+
+
+def test_tiles_have_the_worst_of_the_sampled_robots() -> None:
+    class Samples:
+        settling, overshoot, peak = np.array([[1.0, 2.5], [4.0, 3.0], [8.0, 9.0]])
+        diverged = unsettled = 0
+
+        def __len__(self) -> int:
+            return 2
+
+    step = SimpleNamespace(
+        settling=SimpleNamespace(value=0.9), overshoot=SimpleNamespace(value=0.5), peak_input=7.0
+    )
+    setup = SimpleNamespace(limits=SimpleNamespace(effort_units=("V",)))
+    nominal: Any = SimpleNamespace(requirements=(), step=step, setup=setup)
+    found = tiles_of(nominal, SimpleNamespace(requirements=(), samples=Samples()), None)  # type: ignore[arg-type]
+    for key, own, worst in (("settling", "0.9", "2.5"), ("overshoot", "0.5", "4"), ("peak", "7", "9")):
+        assert found[key].number.startswith(own)
+        assert f"2 {worst}\N{NO-BREAK SPACE}" in found[key].beside
 
 
 @pytest.mark.ci("makes a whole design")
