@@ -106,7 +106,7 @@ def test_a_run_at_rest_of_short_samples_is_cut_to_what_the_memory_holds(setup):
     """Two minutes at 1 kHz; of disturbances of all sub-steps, eight bytes each, not more than a quarter of a GB."""
     for period in (1e-3, 2e-5):
         known = Asked(**vars_of(with_options(setup, period=period)))
-        samples = cast("Any", check_limit_cycle(known).response) / period
+        samples = check_limit_cycle(known).response / period
         parts = known.loop(known.bumpless_controller).sub_steps
         assert 8 * samples * parts * len(known.true_plant.disturbances) < 2.5e8
         assert samples == pytest.approx(120.0 / period if period == 1e-3 else 240_000.0)

@@ -14,8 +14,7 @@ import flexhinf as fh
 from flexhinf.design import PoseEvidence
 from flexhinf.design.laws import law_kind
 from flexhinf.design.tuning import RATIOS
-from flexhinf.pages import certificate, comparison_figures
-from flexhinf.pages.campaign import _arms
+from flexhinf.pages import campaign, certificate, comparison_figures
 from flexhinf.pages.design.frequency import Loop, _lines, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
@@ -190,6 +189,23 @@ def test_the_largest_proved_start_is_one_share_of_it_and_the_limit_one_of_the_li
     assert [tuple(line[:2]) for line in lines] == [(0.0, 1.0), (1.0, 0.0)]
 
 
+def test_the_first_histogram_of_each_row_names_what_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted: list[tuple[bool, str]] = []
+    monkeypatch.setattr(
+        campaign, "histogram",
+        lambda axis, judged, name, unit, values, what: counted.append((axis.get_subplotspec().is_first_col(), what)),
+    )  # fmt: skip
+    monkeypatch.setattr(campaign, "in_degrees", lambda judged: False)
+    monkeypatch.setattr(campaign, "figure_block", lambda name, figure, *_: figure)
+    judged: Any = SimpleNamespace(
+        column=lambda name: np.array([1.0, 2.0, np.inf]), table=SimpleNamespace(unit=lambda name: "s"),
+        requirements=(), of_status=lambda status: 0,
+    )  # fmt: skip
+    campaign._histograms(judged, ["a", "b", "c", "d", "e"])
+    assert len(counted) == 5
+    assert {*counted} == {(True, "samples"), (False, "")}
+
+
 # Others -------------------------------------------------------------------------------------------------
 def test_poles_of_every_group_are_drawn() -> None:
     groups = [
@@ -234,4 +250,4 @@ def test_arms_of_a_campaign_are_drawn_where_both_runs_are_finite(monkeypatch: py
             ),
             table=SimpleNamespace(journal=SimpleNamespace(folder="runs")),
         )
-        assert len(_arms(judged)) == count
+        assert len(campaign._arms(judged)) == count
