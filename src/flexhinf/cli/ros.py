@@ -34,8 +34,8 @@ def run_node(context: typer.Context, o: options.RunOptions, path: Path) -> int:
     from flexhinf.design.deployed_run import perturbed
     from flexhinf.design.simulated_robot import SimulatedRobot
     from flexhinf.export.compiled_follower import checked_follower
-    from flexhinf.export.controller_c import code_of
-    from flexhinf.export.ros_node import LONGEST_UNSEEN, node_name, ros_packages, run_ros
+    from flexhinf.export.controller_c import MISSING_LIMIT, code_of
+    from flexhinf.export.ros_node import node_name, ros_packages, run_ros
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
     from flexhinf.robot.parts import file_warnings
 
@@ -68,7 +68,7 @@ def run_node(context: typer.Context, o: options.RunOptions, path: Path) -> int:
             core=o.core,
             watch=None if viewer is None else viewer.show,
             ready=_tell,
-            longest_unseen=LONGEST_UNSEEN + hardware.longest_gap,
+            longest_unseen=MISSING_LIMIT + hardware.longest_gap,
         )
     for text in run.scheduling:
         typer.echo(text)
