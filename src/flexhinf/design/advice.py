@@ -30,9 +30,10 @@ from flexhinf.robot import Robot
 from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 from flexhinf.robot.signals import SENSORS, expanded, units_of
 
-#: A limit of moves is offered with room for this share of all moves: the worst of 20 moves was passed by 6 of 40 later
-#: ones. Confidence of the mean tail; nine of ten limits have the share, as the median is estimated too.
-QUANTILE, CONFIDENCE = 0.99, 0.95
+#: A limit of moves is offered with room for this share of all moves, so that all of 40 later ones keep it in nine of ten
+#: cases. One for 99 %, by 180 moves, was passed by 1 of 40 in another simulator and by 3 of 540 in this one. Confidence
+#: of the mean tail; nine of ten limits have the share, as the median is estimated too.
+QUANTILE, CONFIDENCE = 0.998, 0.95
 
 #: A limit is offered that is at most so many times the present one, of the error at rest, and of that on the way, so
 #: many; room of a limit of poses, of which there are enough for their worst.
@@ -222,7 +223,8 @@ def _with_limits(
         fields |= limits.fields
         trial, other = _tried(other, limits, progress, watch)
         if trial is not None and trial.met:
-            return replace(trial, change=Change(f"{change.what}; {limits.what}", fields, change.rigid))
+            what = "; ".join(dict.fromkeys((change.what, limits.what)))
+            return replace(trial, change=Change(what, fields, change.rigid))
     return None
 
 
@@ -378,7 +380,7 @@ def with_room(values: Sequence[float]) -> float:
 
     The larger half of the values lies beyond their median as exponential numbers do (tails of moves by a law that is
     stable are not longer), whose mean has a χ² bound; never less than the largest value. No rule without a tail has an
-    answer: 40 values alone tell the share of 94 %.
+    answer: 180 values alone tell the share of 98.7 %.
     """
     middle = float(np.median(values))
     beyond = [value - middle for value in values if value > middle]
