@@ -15,7 +15,16 @@ from scipy.stats import norm
 
 import flexhinf as fh
 from flexhinf.design import advice
-from flexhinf.design.advice import QUANTILE, Trial, advise, changes, relaxable, unseen, with_room
+from flexhinf.design.advice import (
+    QUANTILE,
+    Trial,
+    advise,
+    changes,
+    limit_change,
+    relaxable,
+    unseen,
+    with_room,
+)
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 
 
@@ -55,6 +64,31 @@ def missed(name: str, times: float, field: str | None = None) -> Requirement:
 def fake(robot: Any, lines: list[Requirement], **fields: Any) -> Any:
     """As much of a design as says what may be tried."""
     return SimpleNamespace(specification=fh.Specification(**fields), robot=robot, missed=lines)
+
+
+def test_a_limit_has_room_for_robots_at_corners_and_is_kept_by_the_nominal_one(
+    robot_of: Callable[[str], Any],
+) -> None:
+    """Nominal moves, which err less, would make it smaller; their number is not told."""
+    corners = np.random.default_rng(3).exponential(size=60)
+
+    def offered(nominal: list[float], sampled: list[float]) -> tuple[float, str]:
+        design = fake(robot_of("planar-two-link"), [missed("remaining", 2.0)])
+        design.moves, design.sampled = (
+            [SimpleNamespace(motion=[{"remaining_error": each}]) for each in errors]
+            for errors in (nominal, sampled)
+        )
+        design.specification = dataclasses.replace(design.specification, remaining_error=10.0)
+        change = limit_change(design)
+        assert change is not None
+        return float(change.fields["remaining_error"]), change.what
+
+    room = with_room(corners.tolist())
+    limit, said = offered([0.01] * 20, corners.tolist())
+    assert room <= limit <= 1.1 * room
+    assert ("60" in said, "80" in said) == (True, False)
+    assert offered([1.2 * limit] * 20, corners.tolist())[0] >= 1.2 * limit
+    assert "20" in offered(corners[:20].tolist(), [])[1]
 
 
 def test_changes_are_of_what_is_missed_and_can_be_followed(
