@@ -151,30 +151,35 @@ def designed(folder: Path, name: str, files: Path | None) -> Iterator[str]:
 
 def described(folder: Path, name: str) -> dict[str, Any] | None:
     """Whether a design is met, by which command, what that adds to the first one, what the first one missed, the limits
-    of moves, and the noise of its encoders (rad); None without a design."""
+    of moves, and the noise of its encoders, see `noise_in`; None without a design."""
     found = design_of(folder, name)
     if found is None:
         return None
     place, number = found
     design, first = (_json(at / "design.json") for at in (place, folder / f"{name}.1"))
     words = named(said(folder, name, 1)) or []
-    text = (place / "design.toml").read_text(encoding="utf-8")
+    turning, sliding = noise_in((place / "design.toml").read_text(encoding="utf-8"))
     return {
         "met": design["met"], "command": number, "more": added(words) if number == 2 else [],
         "missed": sorted({one["what"] for one in first["requirements"] if not one["met"]}),
         "limits": {
             one["what"]: one["limit"] for one in design["requirements"] if "robots at corners" in one["where"]
         },
-        "noise": noise_in(text),
+        "noise": turning, "sliding": sliding,
     }  # fmt: skip
 
 
-def noise_in(text: str) -> float:
-    """Standard deviation of the encoders' noise, rad, that a design file states: a variance, or text in mrad."""
-    found = re.search(r'measurement_noise = "?([0-9.e-]+)(mrad)?', text)
-    if found is None:
+def noise_in(text: str) -> tuple[float, float | None]:
+    """Standard deviations of the encoders' noise that a design file states, of joints that turn, rad, and of those that
+    slide, m; None where one number is for all. It is a variance, or text in mrad and mm."""
+    found = re.search(r"measurement_noise = (.*)", text)
+    numbers = re.findall(r"([0-9.e-]+)(mrad|mm)?", found[1].partition("#")[0]) if found else []
+    if not numbers:
         raise ValueError("the design file states no measurement_noise")
-    return 1e-3 * float(found[1]) if found[2] else float(np.sqrt(float(found[1])))
+    if not numbers[0][1]:
+        return float(np.sqrt(float(numbers[0][0]))), None
+    own = {unit: 1e-3 * float(size) for size, unit in numbers}
+    return own["mrad"], own.get("mm")
 
 
 def added(words: list[str]) -> list[str]:

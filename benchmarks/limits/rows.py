@@ -26,7 +26,7 @@ MET, PRODUCT = "met", "flexhinf"
 GROUPS = {"met": [MET], "tracking": list(CURVED), "limits": list(TRIALS)}
 #: What is said of a rival without a law.
 NONE = "no candidate is stable"
-#: Noise of the encoders of joints that slide, m, in the moves by which "met" is looked at.
+#: Noise of the encoders of joints that slide, m, in the moves by which "met" is looked at, where no design states it.
 SLIDING = 1e-5
 
 
@@ -92,6 +92,7 @@ class Bench:
     def one(self, row: str, name: str, law: Runs) -> dict[str, Any]:
         """One row; a design has the noise in its moves that it assumes, rivals that by which they were tuned."""
         if row == MET:
-            own = np.where(self.arm.slides, SLIDING, self.data.get("design", {}).get("noise", 0.0))
+            design = self.data.get("design", {})
+            own = np.where(self.arm.slides, design.get("sliding") or SLIDING, design.get("noise", 0.0))
             return many_goals(self.arm, law, own if name == PRODUCT else noise_of(self.arm))
         return limits_of(self.arm, law, TRIALS[row]) if row in TRIALS else follow(self.arm, law, row)

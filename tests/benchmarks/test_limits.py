@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.limits import arms as the_arms
-from benchmarks.limits.arms import ARMS, added, designed, named, robot_of
+from benchmarks.limits.arms import ARMS, added, designed, named, noise_in, robot_of
 from benchmarks.limits.laws import DAMPING, RIPPLE, Rival, tuned
 from benchmarks.limits.paths import CURVES, curve, heaviest, held, jump, needed, whole
 from benchmarks.limits.plant import Stop, TrueArm, stiff
@@ -341,6 +341,13 @@ def test_moves_beyond_a_limit_of_the_design_are_counted(tmp_path: Path) -> None:
     assert TABLES["rest"](tmp_path).splitlines()[2].endswith(f"{NONE} |")
     assert NONE in TABLES["rivals"](tmp_path)
     assert "`paper`" in TABLES["short"](tmp_path).splitlines()[-1]
+
+
+def test_the_noise_of_a_design_is_that_of_its_file() -> None:
+    """Of joints that turn, and of those that slide where they have a number of their own."""
+    assert noise_in("# measurement_noise = 1e-08  # rad²") == (1e-4, None)
+    assert noise_in('measurement_noise = "0.01mrad"') == (1e-5, None)
+    assert noise_in('measurement_noise = ["0.01mrad", "0.02mm", "0.01mrad"]') == (1e-5, 2e-5)
 
 
 def test_where_a_pd_is_better_is_said(tmp_path: Path) -> None:
