@@ -10,6 +10,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -501,10 +502,8 @@ def test_a_run_after_a_fault_waits_where_it_can_begin_again(
     serves: bool, follower: CompiledFollower, trigger: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
-    packages = ros_node.ros_packages
-    monkeypatch.setattr(
-        ros_node, "ros_packages", lambda: {**packages(), "trigger": trigger if serves else None}
-    )
+    packages, served = ros_node.ros_packages, SimpleNamespace(Trigger=trigger) if serves else None
+    monkeypatch.setattr(ros_node, "ros_packages", lambda: {**packages(), "std_srvs.srv": served})
     arm = Arm()
 
     def unplug(node: RosNode) -> None:

@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export import trajectory_server
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.ros_parameters import AT_START, check_at_start, goal_options, goal_parameters
+from flexhinf.export.ros_parameters import AtStart, check_at_start, goal_options, goal_parameters
 from flexhinf.export.trajectory_server import TrajectoryServer, measured_pose
 from flexhinf.robot import FollowCode, FollowGoal, MuJoCoPlant
 
@@ -292,9 +292,9 @@ def test_options_of_goals_that_do_not_fit_change_nothing(name: str, value: float
 )
 def test_what_a_node_reads_when_it_begins_is_checked(name: str, value: float, advice: str) -> None:
     with refused_with(InvalidInput, "expected", advice):
-        check_at_start({**AT_START, name: value})
+        check_at_start(AtStart(**{name: value}))
     stated, number = advice.split(":=")
-    check_at_start({**AT_START, stated: float(number)})
+    check_at_start(AtStart(**{stated: float(number)}))
 
 
 @pytest.mark.parametrize("unplugged", [[3], [0, 1, 2, 3]])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 from tempfile import gettempdir
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,7 +64,7 @@ class CompiledFollower:
     What it computes, refuses and answers is what `follower` does; a step takes microseconds.
     """
 
-    def __init__(self, library: ctypes.CDLL, follower: Follower, kind: type[np.floating[Any]]) -> None:
+    def __init__(self, library: ctypes.CDLL, follower: Follower, kind: type[np.float32 | np.float64]) -> None:
         self.robot, self.follower, self.period = follower.robot, follower, follower.period
         self._library, self._kind = library, kind
         for name in ("follow_size", "follow_point_size"):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Literal, NamedTuple
 
 import casadi
 import numpy as np
@@ -73,27 +73,28 @@ def export_fmu(
         measured = np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
     else:  # what is measured where the estimate begins
         plant = c.estimator.plant
-        estimate: Any = code.belief
-        output = plant.traced_output(estimate, code.safe_input, plant.parameters.vector())
+        output = plant.traced_output(code.belief, code.safe_input, plant.parameters.vector())
         measured = np.ravel(np.asarray(output, dtype=float))
     belief = code.belief if code.starts_anywhere else None
     y, r, u, x = (signals[kind] for kind in "YRUX")
     starts = [f"start.{name}" for name in (() if belief is None else x)]
     first = np.zeros(len(x)) if belief is None else belief
     rows = (
-        ("measured", "input", y, measured, ""),
-        ("command", "input", r, c.operating_reference, ""),
-        ("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
-        ("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
-        (
+        _Rows("measured", "input", y, measured),
+        _Rows("command", "input", r, c.operating_reference),
+        _Rows("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
+        _Rows("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
+        _Rows(
             "start",
             "parameter",
             x[: len(starts)],
             first[: len(starts)],
             "where the estimate begins: the robot must be there",
         ),
-        ("u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]),
-        ("estimate", "output", x, first, "", [(start,) for start in starts] or [None] * len(x)),
+        _Rows(
+            "u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]
+        ),
+        _Rows("estimate", "output", x, first, "", [(start,) for start in starts] or [None] * len(x)),
     )
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
@@ -192,12 +193,12 @@ def export_plant_fmu(
     ]
     starts = [f"start.{label}" for label in plant.states]
     rows = (
-        ("u", "input", plant.inputs, acting, ""),
-        ("disturbance", "input", plant.disturbances, np.zeros(sizes[1]), ""),
-        ("parameter", "parameter", labels, parameters, ""),
-        ("start", "parameter", plant.states, start, "where the robot begins"),
-        ("measured", "output", plant.outputs, measured, "", _needed(plant, starts, labels)),
-        ("state", "output", plant.states, start, "", [(label,) for label in starts]),
+        _Rows("u", "input", plant.inputs, acting),
+        _Rows("disturbance", "input", plant.disturbances, np.zeros(sizes[1])),
+        _Rows("parameter", "parameter", labels, parameters),
+        _Rows("start", "parameter", plant.states, start, "where the robot begins"),
+        _Rows("measured", "output", plant.outputs, measured, "", _needed(plant, starts, labels)),
+        _Rows("state", "output", plant.states, start, "", [(label,) for label in starts]),
     )
     variables = _variables(rows, plant.unit)
     steps = sub_steps(period, plant.fastest_mode(start))
@@ -242,14 +243,31 @@ def _start(start: Numbers, names: Sequence[str], what: str) -> np.ndarray:
     return values
 
 
-def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> list[Variable]:
-    """The variables of rows: prefix, causality, names, start values, description, and what each starts from."""
+class _Rows(NamedTuple):
+    """Variables of a kind: prefix of their names, causality, start values, description, and what each starts from."""
+
+    prefix: str
+    causality: Literal["input", "output", "parameter"]
+    names: Sequence[str]
+    values: Iterable[float]
+    about: str = ""
+    starts_from: Sequence[tuple[str, ...] | None] | None = None
+
+
+def _variables(rows: Iterable[_Rows], unit: Callable[[str], str]) -> list[Variable]:
     return [
         Variable(
-            f"{prefix}.{name}", causality, float(value), unit(name), about=about, starts_from=starts_from
+            f"{row.prefix}.{name}",
+            row.causality,
+            float(value),
+            unit(name),
+            about=row.about,
+            starts_from=known,
         )
-        for prefix, causality, names, values, about, *starts in rows
-        for name, value, starts_from in zip(names, values, *(starts or [[None] * len(names)]), strict=True)
+        for row in rows
+        for name, value, known in zip(
+            row.names, row.values, row.starts_from or [None] * len(row.names), strict=True
+        )
     ]
 
 

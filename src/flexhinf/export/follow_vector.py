@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
-from flexhinf.arrays import Vector
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.follow import follow_values, follower_of
 from flexhinf.export.rehearsal import FAR, LARGEST
@@ -30,6 +31,54 @@ ASIDE = 1.1
 
 #: Largest way of a joint, rad or m, and what part of range and speed limit it takes.
 WAY, OF_RANGE, OF_SPEED = 0.2, 0.1, 0.3
+
+
+class GoalChange(TypedDict, total=False):
+    """What a `FollowGoal` states otherwise than another."""
+
+    joint_names: Sequence[str]
+    times: ArrayLike
+    positions: ArrayLike
+    velocities: ArrayLike | None
+    accelerations: ArrayLike | None
+    begins: float
+    path_tolerance: Mapping[str, Sequence[float]]
+    goal_tolerance: Mapping[str, Sequence[float]]
+    goal_time: float
+
+
+class PointRow(NamedTuple):
+    """A waypoint as the program reads it: time, position, derivatives (n,), NaN where not stated; order."""
+
+    time: float
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+    order: int
+
+
+@dataclass(frozen=True)
+class GoalRow:
+    """A goal as the program reads it: its part of all points, which joints move (n,), and tolerances (2, 2, n)."""
+
+    first: int
+    count: int
+    moves: Vector
+    begins: float
+    tolerances: Matrix
+    time: float
+
+
+class EventRow(NamedTuple):
+    """An event as the program reads it; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose."""
+
+    step: int
+    kind: int
+    goal: int
+    answer: int
+    rates: tuple[float, float]
+    away: Matrix
+    pose: Vector
 
 
 @dataclass(frozen=True)
@@ -77,35 +126,44 @@ class Session:
         return (self.at(multiple) + 0.41) * self.follower.period
 
     def goal(
-        self, times: Sequence[float], shares: Sequence[float], order: int = 1, /, **other: Any
+        self,
+        multiples: Sequence[float],
+        shares: Sequence[float],
+        order: int = 1,
+        /,
+        **other: Unpack[GoalChange],
     ) -> FollowGoal:
         """Waypoints at multiples of the smoothing time, at shares of the way from home; joints in reversed order."""
         joints, sizes = self.follower.robot.joint_names, self.way * np.linspace(1.0, 0.6, len(self.way))
-        rows = np.zeros((3, len(times), len(joints)))
+        rows = np.zeros((3, len(multiples), len(joints)))
         rows[0] = self.home + np.outer(shares, sizes)
-        seconds = np.array([self.time(multiple) for multiple in times])
-        slopes = np.outer(np.linspace(0.3, 0.1, len(times)), sizes) / seconds[-1]
+        seconds = np.array([self.time(multiple) for multiple in multiples])
+        slopes = np.outer(np.linspace(0.3, 0.1, len(multiples)), sizes) / seconds[-1]
         rows[1, :-1], rows[2] = slopes[:-1], -slopes / seconds[-1]
-        named = {"positions": rows[0], "velocities": rows[1], "accelerations": rows[2]}
-        stated: dict[str, Any] = {name: values[:, ::-1] for name, values in list(named.items())[:order]}
-        stated |= {"joint_names": joints[::-1], "times": seconds}
-        return FollowGoal(**(stated | other))
+        velocities, accelerations = (rows[k, :, ::-1] if k < order else None for k in (1, 2))
+        own = FollowGoal(joints[::-1], seconds, rows[0, :, ::-1], velocities, accelerations)
+        return replace(own, **other)
 
     def partial(
-        self, joints: slice, times: Sequence[float], shares: Sequence[float], order: int, **other: Any
+        self,
+        joints: slice,
+        multiples: Sequence[float],
+        shares: Sequence[float],
+        order: int,
+        **other: Unpack[GoalChange],
     ) -> FollowGoal:
         """The goal of some joints alone; of all where there is one."""
-        whole = self.goal(times, shares, order, **other)
+        whole = self.goal(multiples, shares, order, **other)
         if len(whole.joint_names) == 1:
             return whole
-        rows = dict(zip(("positions", "velocities", "accelerations"), whole.arrays))
-        chosen: dict[str, Any] = {name: values[:, joints] for name, values in rows.items()}
-        return FollowGoal(whole.joint_names[joints], whole.times, **(other | chosen))
+        rows = zip(("positions", "velocities", "accelerations"), whole.arrays)
+        chosen = {name: values[:, joints] for name, values in rows}
+        return replace(whole, joint_names=whole.joint_names[joints], **chosen)
 
-    def jump(self, joints: slice, **other: Any) -> FollowGoal:
+    def jump(self, joints: slice, begins: float = 0.0) -> FollowGoal:
         """A first waypoint that is too far for its time."""
         far = self.home + 4.0 * self.follower.jumps
-        return self.partial(joints, [0.2], [0.0], 1, positions=[far[::-1]], **other)
+        return self.partial(joints, [0.2], [0.0], 1, positions=[far[::-1]], begins=begins)
 
 
 def session_of(code: ControllerCode) -> Session:
@@ -233,12 +291,12 @@ def refusals(session: Session) -> list[FollowGoal]:
     rows, still = np.array([session.home, session.home + 0.1 * session.way])[:, ::-1], np.zeros((2, n))
     ended, infinite = still.copy(), still.copy()
     ended[1, -1], infinite[0, 0] = 0.1, np.inf
-    base: dict[str, Any] = {"joint_names": joints[::-1], "times": times, "positions": rows}
+    base = FollowGoal(joints[::-1], times, rows)
 
     def moved(to: Vector) -> Vector:
         return np.array([rows[0], to[::-1]])
 
-    changes: list[dict[str, Any]] = [
+    changes: list[GoalChange] = [
         {}, {"times": times[::-1]}, {"times": times[0] + np.array([0.0, 0.9 * period / PASSED])},
         {"times": times[0] + np.array([0.0, 1.1 * period / PASSED])}, {"times": [times[0], np.inf]},
         {"times": [np.nan, times[1]]}, {"times": [-period, times[1]]}, {"times": [0.0, times[1]]},
@@ -264,10 +322,10 @@ def refusals(session: Session) -> list[FollowGoal]:
             changes.append(
                 {"positions": moved(session.home + np.minimum(slope, 1e3) * (times[1] - times[0]))}
             )
-    return [FollowGoal(**(base | change)) for change in changes]
+    return [replace(base, **change) for change in changes]
 
 
-def follow_test_values(code: ControllerCode) -> dict[str, Any]:
+def follow_test_values(code: ControllerCode) -> dict[str, object]:
     """What the template of the test program needs."""
     session = session_of(code)
     follower, happens, refused = session.follower, events(session), refusals(session)
@@ -341,32 +399,30 @@ def _rows(session: Session, samples: Sequence[FollowMotion]) -> np.ndarray:
     return np.hstack([state, u, positions, velocities])
 
 
-def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[dict[str, Any]]:
-    """Events as the program reads them; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose."""
-    rows, goals = list[dict[str, Any]](), 0
+def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[EventRow]:
+    """Events as the program reads them."""
+    rows, goals = list[EventRow](), 0
     for event, answer in zip(happens, answers):  # the last one ends the session
         kind = 1 if isinstance(event.what, FollowGoal) else 2 if isinstance(event.what, str) else 3
         kind = 0 if event.what is None else kind
         rows.append(
-            {
-                "step": event.step,
-                "kind": kind,
-                "goal": goals if kind == 1 else 0,
-                "answer": answer,
-                "rates": (event.speed, event.rate),
-                "away": np.zeros((2, n)) if event.away is None else event.away,
-                "pose": event.what if kind == 3 else np.zeros(n),
-            }
+            EventRow(
+                event.step,
+                kind,
+                goals if kind == 1 else 0,
+                answer,
+                (event.speed, event.rate),
+                np.zeros((2, n)) if event.away is None else event.away,
+                event.what if isinstance(event.what, np.ndarray) else np.zeros(n),
+            )
         )
         goals += kind == 1
     return rows
 
 
-def _tables(
-    goals: Sequence[FollowGoal], follower: Follower
-) -> tuple[list[tuple[Any, ...]], list[dict[str, Any]]]:
+def _tables(goals: Sequence[FollowGoal], follower: Follower) -> tuple[list[PointRow], list[GoalRow]]:
     """Waypoints of all goals in the robot's order, what is not stated as no number; and each goal with its part."""
-    own, points, rows = follower.robot.joint_names, list[tuple[Any, ...]](), list[dict[str, Any]]()
+    own, points, rows = follower.robot.joint_names, list[PointRow](), list[GoalRow]()
     for goal in goals:
         times, places = np.asarray(goal.times, dtype=float), [own.index(joint) for joint in goal.joint_names]
         numbers, stated = np.full((3, len(times), len(own)), np.nan), np.zeros((2, 2, len(own)))
@@ -376,14 +432,14 @@ def _tables(
             for joint, pair in pairs.items():
                 stated[kind, :, own.index(joint)] = pair
         rows.append(
-            {
-                "first": len(points),
-                "count": len(times),
-                "moves": np.isin(np.arange(len(own)), places).astype(int),
-                "begins": goal.begins,
-                "tolerances": stated,
-                "time": goal.goal_time,
-            }
+            GoalRow(
+                len(points),
+                len(times),
+                np.isin(np.arange(len(own)), places).astype(int),
+                goal.begins,
+                stated,
+                goal.goal_time,
+            )
         )
-        points += [(time, *numbers[:, k], goal.orders[k]) for k, time in enumerate(times)]
+        points += [PointRow(*row) for row in zip(times, *numbers, goal.orders, strict=True)]
     return points, rows

@@ -28,9 +28,11 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import FrameType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +42,7 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop.signals.references import SignalLike
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.validation import checked_path, install_advice, value_text
@@ -182,9 +185,9 @@ class RealTimeRun:
 
 def run_realtime(
     loop: Loop,
-    reference: Any = None,
-    disturbance: Any = None,
-    noise: Any = None,
+    reference: SignalLike = None,
+    disturbance: SignalLike = None,
+    noise: Numbers = None,
     duration: float = 8.0,
     initial_state: Numbers = None,
     seed: int = 0,
@@ -239,14 +242,20 @@ def run_realtime(
             f"There is no such {what}.", f"expected {low} to {high}, got {value_text(number)}", advice,
         )  # fmt: skip
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
-    settings: dict[str, Any] = {
-        "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
-        "seed": seed, "initial_input": initial_input, "multi_turn": multi_turn,
-    }  # fmt: skip
+    paced = partial(
+        loop.run_paced,
+        reference=reference,
+        disturbance=disturbance,
+        noise=noise,
+        initial_state=initial_state,
+        seed=seed,
+        initial_input=initial_input,
+        multi_turn=multi_turn,
+    )
     period = loop.controller.period
     samples = sample_count(duration, period)
     clock = _Clock(loop, library, {"state": initial_estimate, "input": initial_input}, samples, real_time)
-    loop.run_paced(AT_ONCE, clock, duration=period * min(samples - 1, REHEARSED), **settings)
+    paced(AT_ONCE, clock, duration=period * min(samples - 1, REHEARSED))
     clock.reset()
     with undisturbed(priority, core) as scheduling, stopping() as clock.request:
         watch_samples = max(1, round(watch_every / period))
@@ -256,7 +265,7 @@ def run_realtime(
                 clock.request.append(0)
             clock.end(k)
 
-        run = loop.run_paced(Pacing(clock.begin, end), clock, duration=duration, **settings)
+        run = paced(Pacing(clock.begin, end), clock, duration=duration)
     run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": clock.name})
     count = len(run.time)
     return RealTimeRun(
@@ -374,7 +383,7 @@ def stopping() -> Generator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
 
-    def stop(number: int, frame: Any) -> None:
+    def stop(number: int, frame: FrameType | None) -> None:
         if request and number == signal.SIGINT:
             raise KeyboardInterrupt
         request.append(number)

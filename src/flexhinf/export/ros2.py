@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -13,7 +13,7 @@ from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.follow import follower_of
-from flexhinf.export.ros2_description import description_values, initial_values
+from flexhinf.export.ros2_description import Commanded, Measured, description_values, initial_values
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
@@ -49,31 +49,23 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, object]:
 
     Raises InvalidInput: if two measurements, or two inputs, would have one interface.
     """
-    names = {kind: identifiers(signals) for kind, signals in code.signals.items()}
     limits = code.controller.limits
-    measurements, inputs = (
-        [
-            {"name": name, "interface": interface, "unit": code.unit_text(signal)}
-            for name, interface, signal in zip(
-                names[kind], _interfaces(code, kind), code.signals[kind], strict=True
-            )
-        ]
-        for kind in "YU"
-    )
-    ends = zip(inputs, np.ravel(limits.lower).tolist(), np.ravel(limits.upper).tolist(), strict=True)
     command = dict(zip(code.controller.commanded, map(float, home), strict=False))
-    values = initial_values(code.signals["Y"], command)
-    rests = [{**signal, "initial": value} for signal, value in zip(measurements, values, strict=True)]
-    described = [{**signal, "lower": lower, "upper": upper} for signal, lower, upper in ends]
+    rests = initial_values(code.signals["Y"], command)
+    measurements = [
+        Measured(*signal, initial) for signal, initial in zip(_described(code, "Y"), rests, strict=True)
+    ]
+    ends = np.ravel(limits.lower).tolist(), np.ravel(limits.upper).tolist()
+    inputs = [Commanded(*signal, *pair) for signal, *pair in zip(_described(code, "U"), *ends, strict=True)]
     return {
         "package": package_name(code),
         "PACKAGE": package_name(code).upper(),
         "package_version": ".".join([*re.findall(r"\d+", __version__), "0", "0"][:3]),
         "measurements": measurements,
-        "inputs": described,
-        "states": names["X"],
+        "inputs": inputs,
+        "states": identifiers(code.signals["X"]),
         "joint_names": [] if code.robot is None else list(code.robot.joint_names),
-        **description_values(code, rests, described),
+        **description_values(code, measurements, inputs),
         "health": _health(code),
         "references": _references(code),
         **_start_values(code, _StandstillModel.of(code), home),
@@ -119,6 +111,13 @@ def _usual_interfaces(code: ControllerCode, signals: Sequence[str]) -> list[str]
             known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}")
         )
     return found
+
+
+def _described(code: ControllerCode, kind: str) -> Iterator[tuple[str, str, str]]:
+    """Name, interface and unit of each signal of a kind."""
+    signals = code.signals[kind]
+    units = [code.unit_text(signal) for signal in signals]
+    return zip(identifiers(signals), _interfaces(code, kind), units, strict=True)
 
 
 def _interfaces(code: ControllerCode, kind: str) -> list[str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -16,29 +17,82 @@ from flexhinf.robot.dynamics import Joint, Tree
 UNLIMITED = 1e9
 
 
-def description_values(
-    code: ControllerCode,
-    measurements: Sequence[Mapping[str, Any]],
-    inputs: Sequence[Mapping[str, Any]],
-) -> dict[str, Any]:
-    """What the templates of the description need: joints of the URDF, and components of ros2_control.
+@dataclass(frozen=True)
+class Measured:
+    """A measurement in ROS 2; a mock of the hardware begins at `initial`."""
 
-    `measurements`, `inputs`: Each with its `interface`; measurements with `initial`, which a mock of the hardware
-    begins at, inputs with `lower` and `upper`.
-    """
+    name: str
+    interface: str
+    unit: str
+    initial: float
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """An input in ROS 2, with its limits."""
+
+    name: str
+    interface: str
+    unit: str
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class CommandInterface:
+    """A command interface of a component, with the limits "min" and "max" that are finite."""
+
+    name: str
+    ends: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class StateInterface:
+    """A state interface of a component."""
+
+    name: str
+    initial: float
+
+
+@dataclass(frozen=True)
+class Component:
+    """A component of ros2_control: a joint of the URDF, or another."""
+
+    name: str
+    element: Literal["joint", "gpio"]
+    commands: list[CommandInterface] = field(default_factory=list[CommandInterface])
+    states: list[StateInterface] = field(default_factory=list[StateInterface])
+
+
+@dataclass(frozen=True)
+class DescribedJoint:
+    """A joint of a URDF with the link behind it, as the attributes of its elements."""
+
+    name: str
+    kind: str
+    parent: str
+    link: str
+    xyz: str
+    rpy: str
+    axis: str
+    limit: Mapping[str, float]
+
+
+def description_values(
+    code: ControllerCode, measurements: Sequence[Measured], inputs: Sequence[Commanded]
+) -> dict[str, object]:
+    """What the templates of the description need: joints of the URDF, and components of ros2_control."""
     tree = Tree((Joint("joint", "continuous"),)) if code.robot is None else code.robot.links.tree
-    components: dict[str, dict[str, Any]] = {}
+    components: dict[str, Component] = {}
     for signal in [*inputs, *measurements]:
-        component, _, interface = signal["interface"].rpartition("/")
-        found = components.setdefault(component, {"name": component, "commands": [], "states": []})
-        if "lower" in signal:
-            ends = {"min": signal["lower"], "max": signal["upper"]}
+        name, _, interface = signal.interface.rpartition("/")
+        found = components.setdefault(name, Component(name, "joint" if name in tree.names else "gpio"))
+        if isinstance(signal, Commanded):
+            ends = {"min": signal.lower, "max": signal.upper}
             finite = {end: value for end, value in ends.items() if np.isfinite(value)}
-            found["commands"].append({"name": interface, "ends": finite})
+            found.commands.append(CommandInterface(interface, finite))
         else:
-            found["states"].append({"name": interface, "initial": signal["initial"]})
-    for component in components.values():
-        component["element"] = "joint" if component["name"] in tree.names else "gpio"
+            found.states.append(StateInterface(interface, signal.initial))
     return {"components": list(components.values()), "urdf_joints": _joints(code, tree, inputs)}
 
 
@@ -49,12 +103,12 @@ def initial_values(names: Sequence[str], command: Mapping[str, float]) -> list[f
     ]
 
 
-def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Joints of a URDF, each with the link behind it."""
+def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Commanded]) -> list[DescribedJoint]:
+    """Joints of a URDF."""
     base, *links = distinct_names(["base_link", *(f"{name}_link" for name in tree.names)])
     speeds = [None] * len(tree) if code.robot is None else code.robot.speed_limits or [None] * len(tree)
-    largest = {signal["interface"]: max(abs(signal["lower"]), abs(signal["upper"])) for signal in inputs}
-    rows: list[dict[str, Any]] = []
+    largest = {signal.interface: max(abs(signal.lower), abs(signal.upper)) for signal in inputs}
+    rows: list[DescribedJoint] = []
     for joint, link, parent, speed in zip(tree.joints, links, tree.parents, speeds, strict=True):
         kind = joint.kind if joint.kind == "prismatic" or joint.limits is not None else "continuous"
         lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
@@ -62,16 +116,16 @@ def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Mapping[str, Any]
         limit["effort"] = min(largest.get(f"{joint.name}/effort", UNLIMITED), UNLIMITED)
         limit["velocity"] = min(UNLIMITED if speed is None else float(speed), UNLIMITED)
         rows.append(
-            {
-                "name": joint.name,
-                "kind": kind,
-                "parent": base if parent < 0 else links[parent],
-                "link": link,
-                "xyz": _vector(joint.placement.translation),
-                "rpy": _vector(roll_pitch_yaw(joint.placement.rotation)),
-                "axis": _vector(joint.axis),
-                "limit": limit,
-            }
+            DescribedJoint(
+                joint.name,
+                kind,
+                base if parent < 0 else links[parent],
+                link,
+                xyz=_vector(joint.placement.translation),
+                rpy=_vector(roll_pitch_yaw(joint.placement.rotation)),
+                axis=_vector(joint.axis),
+                limit=limit,
+            )
         )
     return rows
 

@@ -6,9 +6,6 @@ It publishes `sensor_msgs/JointState` on ``joint_states`` and takes `trajectory_
 ``~/controller_state``. A topic may scale its speed. Names and answers are those of the plugin for ros2_control.
 """
 
-# Not checked strictly: rclpy and its messages have no types that are known here.
-# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
-
 from __future__ import annotations
 
 import gc
@@ -16,9 +13,11 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple, TypeVar
 
 from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput
@@ -26,7 +25,21 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import MISSING_LIMIT
 from flexhinf.export.names import identifier_of
 from flexhinf.export.realtime import stopping, undisturbed, wait_until
-from flexhinf.export.ros_parameters import AT_START, check_at_start, goal_options, goal_parameters
+from flexhinf.export.ros_messages import (
+    FollowAction,
+    GoalHandle,
+    GoalRequest,
+    GoalResult,
+    JointTrajectory,
+    SetParameter,
+    SpeedFraction,
+    Stamp,
+    TrajectoryPoint,
+    TriggerResponse,
+    goal_of,
+    nanoseconds,
+)
+from flexhinf.export.ros_parameters import AtStart, check_at_start, goal_options, goal_parameters
 from flexhinf.export.ros_state import state_groups, state_values
 from flexhinf.export.trajectory_server import GoalEnd, RobotIO, TrajectoryServer
 from flexhinf.loop import Controller
@@ -51,86 +64,35 @@ INSTALL = (
 )
 
 #: What a node does without where it is not installed.
-OPTIONAL: dict[str, Callable[[], Any]] = {
-    "action": lambda: import_module("control_msgs.action").FollowJointTrajectory,
-    "state": lambda: import_module("control_msgs.msg").DynamicJointState,
-    "controller_state": lambda: import_module("control_msgs.msg").JointTrajectoryControllerState,
-    "interfaces": lambda: import_module("control_msgs.msg").InterfaceValue,
-    "trigger": lambda: import_module("std_srvs.srv").Trigger,
-}
+OPTIONAL = ("control_msgs.action", "control_msgs.msg", "std_srvs.srv")
 
-#: Of these, the types of what is published, by topic.
-REPORTS = ("state", "controller_state")
+#: A value of a parameter.
+Stated = TypeVar("Stated", bound=bool | float | str)
+
+#: Topics of control_msgs, and the types of what is published there.
+REPORTS = {"state": "DynamicJointState", "controller_state": "JointTrajectoryControllerState"}
 
 
-def ros_packages() -> dict[str, Any]:
-    """Modules of ROS 2 by name, refused before any work where they are missing; None for what is `OPTIONAL`."""
+def ros_packages() -> dict[str, ModuleType]:
+    """Modules of ROS 2 by name, refused before any work where they are missing; without what is `OPTIONAL`."""
     names = (
         "rclpy", "rclpy.action", "rclpy.context", "rclpy.exceptions", "rclpy.executors", "rclpy.node",
         "rcl_interfaces.msg", "sensor_msgs.msg", "std_msgs.msg", "trajectory_msgs.msg",
     )  # fmt: skip
-    found = {
+    found: dict[str, ModuleType] = {
         name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
     }
-    for key, load in OPTIONAL.items():
-        try:
-            found[key] = load()
-        except ImportError:
-            found[key] = None
+    for name in OPTIONAL:
+        with suppress(ImportError):
+            found[name] = import_module(name)
     return found
-
-
-# Messages -------------------------------------------------------------------------------------------------
-def nanoseconds(stamp: Any) -> int:
-    """Of `builtin_interfaces/Time` or Duration."""
-    return 1_000_000_000 * stamp.sec + stamp.nanosec
-
-
-def goal_of(
-    trajectory: Any, now: int, tolerances: Sequence[Sequence[Any]] = ((), ()), goal_time: float = 0.0
-) -> FollowGoal:
-    """The goal of a `JointTrajectory` with tolerances of path and goal; `now`: ns, of the clock of its stamp.
-
-    Raises InvalidInput: for rows that do not fit the joints, efforts, and tolerances of accelerations, which are not
-    measured.
-    """
-    points, stamp = list(trajectory.points), nanoseconds(trajectory.header.stamp)
-    if any(len(point.effort) for point in points):
-        raise InvalidInput(
-            "A trajectory states efforts.", "expected none", "positions, velocities, accelerations"
-        )
-    pairs: list[dict[str, tuple[float, float]]] = []
-    for several in tolerances:  # of the path, and at the goal
-        if any(one.acceleration > 0.0 for one in several):
-            raise InvalidInput(
-                "A tolerance is one of an acceleration.", "expected 0: it is not measured", "acceleration=0"
-            )
-        pairs.append({one.name: (one.position, one.velocity) for one in several})
-    rows = {
-        name: [list(getattr(point, name)) for point in points]
-        for name in ("positions", "velocities", "accelerations")
-    }
-    velocities, accelerations = (
-        rows[name] if any(rows[name]) else None for name in ("velocities", "accelerations")
-    )
-    return FollowGoal(
-        list(trajectory.joint_names),
-        [1e-9 * nanoseconds(point.time_from_start) for point in points],
-        rows["positions"],
-        velocities,
-        accelerations,
-        1e-9 * (stamp - now) if stamp else 0.0,
-        path_tolerance=pairs[0],
-        goal_tolerance=pairs[1],
-        goal_time=goal_time,
-    )
 
 
 @dataclass(eq=False)
 class _Followed:
     """A goal of the action until it is told how it ended."""
 
-    handle: Any
+    handle: GoalHandle
     number: int
     is_over: threading.Event = field(default_factory=threading.Event)
     is_answered: threading.Event = field(default_factory=threading.Event)
@@ -177,8 +139,8 @@ class RosNode:
         server: TrajectoryServer,
         name: str,
         clock: Callable[[], int] | None = None,
-        action: Any = None,
-        trigger: Any = None,
+        action: FollowAction | None = None,
+        trigger: type | None = None,
     ) -> None:
         ros = ros_packages()
         self.server, self._ros = server, ros
@@ -187,7 +149,7 @@ class RosNode:
         self.node = ros["rclpy.node"].Node(name, context=self.context)
         try:
             self._declare()
-            self._scale_by(self._at_start["speed_scaling_topic"])
+            self._scale_by(self._at_start.speed_scaling_topic)
         except InvalidInput:
             self.node.destroy_node()
             ros["rclpy"].shutdown(context=self.context)
@@ -197,8 +159,8 @@ class RosNode:
         self.node.create_subscription(
             ros["trajectory_msgs.msg"].JointTrajectory, "~/joint_trajectory", self._receive, DEPTH
         )
-        server.stop_ramp = self._at_start["stop_ramp"]
-        self._trigger = trigger or ros["trigger"]
+        server.stop_ramp = self._at_start.stop_ramp
+        self._trigger: type | None = trigger or getattr(ros.get("std_srvs.srv"), "Trigger", None)
         self._pending_restart: _Restart | None = None
         if self._trigger is not None:
             self.node.create_service(self._trigger, "~/restart", self._restart)
@@ -206,12 +168,17 @@ class RosNode:
         self._passes = 0
         self._every = max(1, round(PUBLISHED / server.period))
         self._reports = {
-            name: self.node.create_publisher(ros[name], f"~/{name}", DEPTH) for name in REPORTS if ros[name]
+            topic: self.node.create_publisher(getattr(ros["control_msgs.msg"], kind), f"~/{topic}", DEPTH)
+            for topic, kind in REPORTS.items()
+            if "control_msgs.msg" in ros
         }
-        self._action, self._lock = action or ros["action"], threading.Lock()
+        self._action: FollowAction | None = action or getattr(
+            ros.get("control_msgs.action"), "FollowJointTrajectory", None
+        )
+        self._lock = threading.Lock()
         self._goals: list[_Followed] = []
         self._open: dict[bytes, _Followed] = {}
-        self._served = self._action and ros["rclpy.action"].ActionServer(
+        self._served = None if self._action is None else ros["rclpy.action"].ActionServer(
             self.node, self._action, "~/follow_joint_trajectory", self._execute, goal_callback=self._consider,
             handle_accepted_callback=self._begin, cancel_callback=self._allow_cancel,
         )  # fmt: skip
@@ -222,7 +189,7 @@ class RosNode:
     def _declare(self) -> None:
         """Parameters, which a file or an argument of ROS may state; later values are checked as they come."""
         self._parameters = self._stated(goal_parameters(self.server.follower))
-        self._at_start = self._stated(AT_START)
+        self._at_start = AtStart(**self._stated(AtStart()._asdict()))
         check_at_start(self._at_start)
         refused = self.server.change(goal_options(self.server.follower, self._parameters))
         if refused:
@@ -244,8 +211,8 @@ class RosNode:
             ) from error
         self.server.speed = math.nan
 
-    def _stated(self, usual: Mapping[str, Any]) -> dict[str, Any]:
-        values: dict[str, Any] = {}
+    def _stated(self, usual: Mapping[str, Stated]) -> dict[str, Stated]:
+        values: dict[str, Stated] = {}
         for name, value in usual.items():
             try:
                 values[name] = self.node.declare_parameter(name, value).value
@@ -259,9 +226,9 @@ class RosNode:
                 ) from error
         return values
 
-    def _set(self, changed: Sequence[Any]) -> Any:
+    def _set(self, changed: Sequence[SetParameter]) -> object:
         values = self._parameters | {one.name: one.value for one in changed if one.name in self._parameters}
-        late = [one.name for one in changed if one.name in AT_START]
+        late = [one.name for one in changed if one.name in AtStart._fields]
         try:
             refused = (
                 f"{late[0]} is read when the node begins: start it with -p {late[0]}:=VALUE"
@@ -365,37 +332,38 @@ class RosNode:
         self._states.publish(message)
         self._report(stamp, message.name)
         for goal in tuple(self._goals):
-            if not goal.handle.is_active:
+            if self._action is None or not goal.handle.is_active:
                 continue
             feedback = self._action.Feedback()
             feedback.header.stamp, feedback.joint_names = stamp, message.name
             self._fill(feedback.desired, feedback.actual, feedback.error)
             goal.handle.publish_feedback(feedback)
 
-    def _fill(self, *points: Any) -> None:
+    def _fill(self, *points: TrajectoryPoint) -> None:
         """Where the links are to be, where they are, and the difference."""
         for place, numbers in zip(points, self.server.motion.pairs, strict=True):
             place.positions, place.velocities = (row.tolist() for row in numbers)
 
-    def _report(self, stamp: Any, joints: list[str]) -> None:
+    def _report(self, stamp: Stamp, joints: list[str]) -> None:
         """What the plugin publishes too."""
         if publisher := self._reports.get("state"):
-            whole = self._ros["state"](joint_names=list(self._groups))
+            messages = self._ros["control_msgs.msg"]
+            whole = messages.DynamicJointState(joint_names=list(self._groups))
             whole.header.stamp = stamp
             whole.interface_values = [
-                self._ros["interfaces"](interface_names=names, values=values.tolist())
+                messages.InterfaceValue(interface_names=names, values=values.tolist())
                 for names, values in zip(self._groups.values(), state_values(self.server), strict=True)
             ]
             publisher.publish(whole)
         if publisher := self._reports.get("controller_state"):
-            of_motion = self._ros["controller_state"](joint_names=joints)
+            of_motion = self._ros["control_msgs.msg"].JointTrajectoryControllerState(joint_names=joints)
             of_motion.header.stamp = stamp
             self._fill(of_motion.reference, of_motion.feedback, of_motion.error)
             of_motion.output.effort = self.server.input.tolist()
             publisher.publish(of_motion)
 
     # Threads of the executor ---------------------------------------------------------------------------
-    def _receive(self, message: Any) -> None:
+    def _receive(self, message: JointTrajectory) -> None:
         try:
             goal = goal_of(message, self._clock())
         except InvalidInput as error:
@@ -406,7 +374,7 @@ class RosNode:
         else:
             self.server.submit(goal)
 
-    def _restart(self, request: Any, response: Any) -> Any:
+    def _restart(self, request: object, response: TriggerResponse) -> TriggerResponse:
         """Wait for the sample that begins again."""
         with self._lock:
             pending = self._pending_restart = _Restart()
@@ -417,15 +385,15 @@ class RosNode:
         response.message = pending.why or "it begins at rest at the measured pose"
         return response
 
-    def _scale(self, message: Any) -> None:
-        self.server.speed = self._at_start["speed_scaling_factor"] * message.data
+    def _scale(self, message: SpeedFraction) -> None:
+        self.server.speed = self._at_start.speed_scaling_factor * message.data
 
-    def _wanted(self, request: Any) -> FollowGoal:
+    def _wanted(self, request: GoalRequest) -> FollowGoal:
         tolerances = request.path_tolerance, request.goal_tolerance
         time_allowed = 1e-9 * nanoseconds(request.goal_time_tolerance)
         return goal_of(request.trajectory, self._clock(), tolerances, time_allowed)
 
-    def _consider(self, request: Any) -> Any:
+    def _consider(self, request: GoalRequest) -> object:
         answers = self._ros["rclpy.action"].GoalResponse
         try:
             why = self.server.refusal(self._wanted(request))
@@ -435,7 +403,7 @@ class RosNode:
             self.node.get_logger().warning(f"a goal is rejected: {why}")
         return answers.REJECT if why else answers.ACCEPT
 
-    def _begin(self, handle: Any) -> None:
+    def _begin(self, handle: GoalHandle) -> None:
         wanted = self._wanted(handle.request)
         with self._lock:  # before the loop tells how it ended
             goal = _Followed(handle, self.server.submit(wanted))
@@ -443,16 +411,17 @@ class RosNode:
             self._open[bytes(handle.goal_id.uuid)] = goal
         handle.execute()
 
-    def _allow_cancel(self, handle: Any) -> Any:
+    def _allow_cancel(self, handle: GoalHandle) -> object:
         """Always; the next sample sees that the goal is cancelled."""
         return self._ros["rclpy.action"].CancelResponse.ACCEPT
 
-    def _execute(self, handle: Any) -> Any:
+    def _execute(self, handle: GoalHandle) -> GoalResult:
         """Wait for the end of a goal, in a thread of its own."""
         goal = self._open[bytes(handle.goal_id.uuid)]
         goal.is_over.wait()
         end = goal.end
         assert end is not None
+        assert self._action is not None
         result = self._action.Result()
         result.error_code, result.error_string = int(end.code), end.text
         if handle.is_cancel_requested:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -19,13 +19,15 @@ LONGEST_STOP = 1e6
 #: Longest ramp of the inputs after a fault, s: as in the plugin.
 LONGEST_RAMP = 10.0
 
-#: What a node reads when it begins: a topic with the fraction of its speed with which a trajectory is followed, where
-#: there is one; the factor from its numbers to the fraction; and the time in which inputs fall to 0 after a fault, s.
-AT_START: dict[str, bool | float | str] = {
-    "speed_scaling_topic": "",
-    "speed_scaling_factor": 1.0,
-    "stop_ramp": 0.0,
-}
+
+class AtStart(NamedTuple):
+    """What a node reads when it begins: a topic with the fraction of its speed with which a trajectory is followed,
+    where there is one; the factor from its numbers to the fraction; and the time in which inputs fall to 0 after a
+    fault, s."""
+
+    speed_scaling_topic: str = ""
+    speed_scaling_factor: float = 1.0
+    stop_ramp: float = 0.0
 
 
 def goal_parameters(follower: Follower) -> dict[str, bool | float]:
@@ -77,16 +79,16 @@ def goal_options(follower: Follower, values: Mapping[str, bool | float]) -> Goal
     }
 
 
-def check_at_start(values: Mapping[str, bool | float | str]) -> None:
-    """Refuse values of `AT_START` that do not fit."""
-    factor = float(values["speed_scaling_factor"])
+def check_at_start(stated: AtStart) -> None:
+    """Refuse values that do not fit."""
+    factor = float(stated.speed_scaling_factor)
     refuse_if(
         not 0.0 < factor < np.inf,
         "The factor of the speed scaling does not fit.",
         f"expected a number above 0, got {factor!r}",
         "speed_scaling_factor:=0.01, for a topic with percent",
     )
-    ramp = float(values["stop_ramp"])
+    ramp = float(stated.stop_ramp)
     refuse_if(
         not 0.0 <= ramp <= LONGEST_RAMP,
         "The ramp after a fault does not fit.",

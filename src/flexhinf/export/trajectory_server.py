@@ -11,7 +11,8 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -144,8 +145,9 @@ class TrajectoryServer:
         self.measured, self._longest = controller.measured, longest_unseen
         if library is not None:
             check_library(library, controller)
-        self._fresh: Callable[[], Any] = controller.fresh if library is None else lambda: copy.copy(library)
-        self._is_compiled = library is not None
+        self._fresh: Callable[[], Controller | CompiledController] = (
+            controller.fresh if library is None else partial(copy.copy, library)
+        )
         self.code = code_of(controller, "arm", "double", robot)
         self._follower: CompiledFollower = compile_follower(self.code)
         self._lock = threading.RLock()
@@ -321,7 +323,7 @@ class TrajectoryServer:
             self.step_code = "WENT_BACK" if self._failures > 1 else "BAD_RESULT"
             if self._failures > 1:
                 self.stop(f"the controller cannot go on: {failure}")
-        if self._is_compiled:
+        if isinstance(self.stepped, CompiledController):
             self.step_code = self.stepped.code
         if self.step_code in FATAL:
             self.stop(f"the controller stopped: {self.step_code}")

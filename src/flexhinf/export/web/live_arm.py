@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import casadi
 import numpy as np
@@ -80,6 +79,25 @@ STIFF_NOTE = (
 #: Random poses of a workspace at which the PD is tuned, beside start and goal, and their seed; joints up to which it is
 #: checked at all corners of their ranges, at random ones of more.
 POSES, SEED, MOST_ENDS = 3, 0, 4
+
+
+class Payload(TypedDict):
+    """A payload's slider: the name of its mass, the ends of its tolerance and of the slider, kg."""
+
+    name: str
+    joint: str
+    value: float
+    lower: float
+    upper: float
+    low: float
+    high: float
+
+
+class Slider(Payload):
+    """A slider of any number of the robot, in its unit."""
+
+    quantity: str
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,9 +424,9 @@ class LiveArm:
 
     # What the page shows ------------------------------------------------------------------------------
     @cached_property
-    def sliders(self) -> list[dict[str, Any]]:
-        """The numbers that have a slider: name, quantity, joint, unit, value, ends of the tolerance, of the slider."""
-        robot, rows = self.robot, list[dict[str, Any]]()
+    def sliders(self) -> list[Slider]:
+        """The numbers that have a slider, the usual ones first."""
+        robot, rows = self.robot, list[Slider]()
         certain = not robot.uncertain
         curved = inactive_parameters((*EXTRAS,), robot.joint_names, robot.nominal)
         for parameter in robot.parameters:
@@ -440,10 +458,10 @@ class LiveArm:
         )
 
     @cached_property
-    def payloads(self) -> list[dict[str, Any]]:
-        """The payloads by name of their masses, with the ends of the sliders, kg."""
+    def payloads(self) -> list[Payload]:
+        """The payloads."""
         masses = [p.value for p in self.robot.parameters if p.name.split("_")[0] == "mass"]
-        rows: list[dict[str, Any]] = []
+        rows: list[Payload] = []
         for parameter in payload_masses(self.loaded.parameters):
             low, high = parameter.interval
             most = max(1.5 * high, 0.5 * min(masses, default=1.0), 1.5 * parameter.value)
@@ -460,11 +478,15 @@ class LiveArm:
             )
         return rows
 
-    def settings(self) -> dict[str, Any]:
+    @property
+    def units(self) -> list[str]:
+        """Of the joints' positions."""
+        return [self.plant.unit(name) for name in self.plant.states[: len(self.robot.joint_names)]]
+
+    def settings(self) -> dict[str, object]:
         """All numbers of the page, as JSON has them."""
         robot, c, plant, gains = self.robot, self.controller, self.plant, self.rival
         low, high = joint_ranges(robot.joint_names, robot.links.slides, position_ranges(robot))
-        position = [plant.unit(name) for name in plant.states[: len(robot.joint_names)]]
         steps = [sub_steps(c.period, self.fastest, size) for size in (STEP, GHOST_STEP)]
         speed = np.broadcast_to(np.asarray(self.speed, dtype=float), len(low))
         return {
@@ -479,7 +501,7 @@ class LiveArm:
             "down": list(map(float, robot.links.down)),
             "low": low.tolist(),
             "high": high.tolist(),
-            "unit": position,
+            "unit": self.units,
             "effort": plant.unit(plant.inputs[0]),
             "degrees": self.degrees,
             "period": c.period,
@@ -528,7 +550,7 @@ class LiveArm:
         }
 
     @property
-    def _scene(self) -> dict[str, Any]:
+    def _scene(self) -> dict[str, object]:
         """Where motors stand in the state, how hard a hand pulls and pushes, and how much larger wind-ups are drawn."""
         robot, plant = self.robot, self.robot.plant()
         places, n = joint_places(plant), len(robot.joint_names)

@@ -34,12 +34,12 @@ def write_page(arm: LiveArm, path: str | os.PathLike[str]) -> Path:
 
 def page_text(arm: LiveArm, module: bytes) -> str:
     """The HTML of a page with a compiled module."""
-    settings, pd = arm.settings(), arm.rival
+    pd = arm.rival
     gains = [
         {"joint": joint, "unit": unit, "kp": kp, "kd": kd, "bandwidth": omega, "damping": zeta}
         for joint, unit, kp, kd, omega, zeta in zip(
-            settings["joints"],
-            settings["unit"],
+            arm.robot.joint_names,
+            arm.units,
             pd.proportional,
             pd.derivative,
             pd.bandwidth,
@@ -49,7 +49,7 @@ def page_text(arm: LiveArm, module: bytes) -> str:
     ]
     return render(
         "web/page.html",
-        settings=settings,
+        settings=arm.settings(),
         pd=pd,
         gains=gains,
         below=BELOW,
