@@ -73,6 +73,7 @@ def export_fmu(
         measured = np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
     else:  # what is measured where the estimate begins
         plant = c.estimator.plant
+        assert code.belief is not None
         output = plant.traced_output(code.belief, code.safe_input, plant.parameters.vector())
         measured = np.ravel(np.asarray(output, dtype=float))
     belief = code.belief if code.starts_anywhere else None
@@ -94,7 +95,7 @@ def export_fmu(
         _Rows(
             "u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]
         ),
-        _Rows("estimate", "output", x, first, "", [(start,) for start in starts] or [None] * len(x)),
+        _Rows("estimate", "output", x, first, "", [(start,) for start in starts]),
     )
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),

@@ -23,7 +23,6 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import zip_longest
-from typing import Any
 
 import casadi
 
@@ -230,20 +229,6 @@ class _Emitter:
         self.calls: Counter[str] = Counter()
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
-        self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {  # each of its own kind
-            Repeat: self._repeat,
-            When: self._when,
-            Map: self._map,
-            Sweep: self._sweep,
-            OuterSum: self._outer_sum,
-            Polynomial: self._polynomial,
-            Cholesky: self._cholesky,
-            Copy: self._copy,
-            Householder: self._householder,
-            Residual: self._residual,
-            Normal: self._normal,
-            Guard: self._guard,
-        }
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> ModuleText:
@@ -292,10 +277,33 @@ class _Emitter:
 
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
         for calls, step in _lines(body):
-            if calls:
-                self._calls(calls, turns)
-            else:
-                self._writers[type(step)](step, turns)
+            match step:
+                case Call():
+                    self._calls(calls, turns)
+                case Repeat():
+                    self._repeat(step, turns)
+                case When():
+                    self._when(step, turns)
+                case Map():
+                    self._map(step, turns)
+                case Sweep():
+                    self._sweep(step, turns)
+                case OuterSum():
+                    self._outer_sum(step, turns)
+                case Polynomial():
+                    self._polynomial(step, turns)
+                case Cholesky():
+                    self._cholesky(step, turns)
+                case Copy():
+                    self._copy(step, turns)
+                case Householder():
+                    self._householder(step, turns)
+                case Residual():
+                    self._residual(step, turns)
+                case Normal():
+                    self._normal(step, turns)
+                case Guard():
+                    self._guard(step, turns)
 
     def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
         end = self.turns[step.count] if isinstance(step.count, str) else str(step.count)
