@@ -7,9 +7,6 @@ writes steps of a program that apply it: a 7-link estimator, which would be half
 trace, is some thousand operations in loops over its sigma points.
 """
 
-# What is traced, and what CasADi gives, has no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
-
 from __future__ import annotations
 
 from collections import Counter

@@ -3,9 +3,6 @@
 Steps of dense algebra: sums of outer products, polynomials, Cholesky factors, reflections.
 """
 
-# What is traced, and what CasADi gives, has no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
-
 from __future__ import annotations
 
 import math

@@ -8,8 +8,7 @@ To add an operation: a file that calls `register` with its row, see CONTRIBUTING
 """
 
 # SciPy has no types, and operands of `numpy` are of any kind.
-# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
-# pyright: reportUnknownLambdaType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 from __future__ import annotations
 

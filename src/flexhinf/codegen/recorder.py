@@ -1,8 +1,5 @@
 """A run that computes directly and keeps what was computed one after the other: the stages of one trace."""
 
-# What is traced, and what CasADi gives, has no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
-
 from __future__ import annotations
 
 from collections import Counter

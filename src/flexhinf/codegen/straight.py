@@ -6,16 +6,13 @@ traced as one function. What only they read stays in registers, and the memory t
 conditions and what is large stay steps of their own, and so does a larger function that is called from several places.
 """
 
-# What is traced, and what CasADi gives, has no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
-
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import groupby
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import casadi
 
@@ -416,6 +413,6 @@ def _moved(step: Of, at: Callable[[Slice], Slice]) -> Of:
             return replace(value, whole=at(value.whole))
         if isinstance(value, Step):
             return _moved(value, at)
-        return tuple(map(new, value)) if isinstance(value, tuple) else value
+        return tuple(map(new, cast("tuple[object, ...]", value))) if isinstance(value, tuple) else value
 
     return replace(step, **{field.name: new(getattr(step, field.name)) for field in fields(step)})

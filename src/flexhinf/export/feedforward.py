@@ -1,8 +1,5 @@
 """Feedforward along a streamed path as C99: a ring of samples, sums with fixed weights, inverse dynamics."""
 
-# Not checked strictly: CasADi has no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
-
 from __future__ import annotations
 
 import math

@@ -1,8 +1,5 @@
 """FMUs for co-simulation (FMI 2.0 or 3.0): a controller, or the plant itself, for Simulink, OpenModelica and others."""
 
-# Not checked strictly: CasADi has no types.
-# pyright: reportUnknownVariableType=false
-
 from __future__ import annotations
 
 import os
@@ -74,8 +71,8 @@ def export_fmu(
     else:  # what is measured where the estimate begins
         plant = c.estimator.plant
         assert code.belief is not None
-        output = plant.traced_output(code.belief, code.safe_input, plant.parameters.vector())
-        measured = np.ravel(np.asarray(output, dtype=float))
+        numbers = code.belief, code.safe_input, plant.parameters.vector()
+        measured = np.ravel(np.asarray(plant.traced_output(*numbers), dtype=float))
     belief = code.belief if code.starts_anywhere else None
     y, r, u, x = (signals[kind] for kind in "YRUX")
     starts = [f"start.{name}" for name in (() if belief is None else x)]

@@ -1,8 +1,5 @@
 """The C that follows trajectories of waypoints for a controller of a workspace: that of `Follower`."""
 
-# Not checked strictly: CasADi has no types.
-# pyright: reportUnknownVariableType=false
-
 from __future__ import annotations
 
 from collections.abc import Iterable

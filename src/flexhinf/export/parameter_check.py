@@ -7,9 +7,6 @@ its range lies between two corners of the tolerances: those where every number m
 A limit may be made narrower, and a rate slower. Every other number is that of the design.
 """
 
-# Not checked strictly: rows of arrays that are unpacked have no type.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
-
 from __future__ import annotations
 
 import math
@@ -95,7 +92,8 @@ def _model(controller: Controller, robot: Robot | None) -> Iterator[Range]:
     place = controller.data.places["parameters"].start
     for name, value in controller.estimator.plant.parameters.values.items():
         if name in table.values and table.values[name].shape == value.shape:
-            for k, ends in enumerate(zip(np.ravel(getattr(low, name)), np.ravel(getattr(high, name)))):
+            pairs = np.transpose([np.ravel(getattr(low, name)), np.ravel(getattr(high, name))])
+            for k, ends in enumerate(pairs):
                 spare = ROUNDING * float(np.abs(ends).max())
                 yield Range(
                     place + k, -1, _physical_minimum(name, k), np.inf, ends[0] - spare, ends[1] + spare

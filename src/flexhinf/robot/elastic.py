@@ -255,7 +255,7 @@ DRIVES = {
 }
 
 #: Numbers of an inner loop in a robot: as a loop, or as its gains, by drive.
-INNER = {
+INNER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "velocity": (("drive_bandwidth",), ("drive_damping",)),
     "position": (("drive_bandwidth", "drive_damping_ratio"), ("drive_stiffness", "drive_damping")),
 }
