@@ -136,9 +136,9 @@ def test_printed_lines_stand_in_exported_headers(repository: Path, monkeypatch: 
     code = code_of(controller, "arm", "double")
     measured = f"/* Measured: {', '.join(code.controller.measured)} */\n"
     made = f"/* Made by flexhinf {fh.__version__}. */\n"
-    assert code.header.count(measured) == code.header.count(made) == 1
+    assert [code.header.count(line) - header.count(line) for line in (measured, made)] == [1, 1]
     digest = re.compile("[0-9a-f]{64}")
-    before = code.header.replace(measured, "").replace(made, "")
+    before = code.header.replace(measured, "", 1).replace(made, "", 1)
     assert digest.sub("", before) == digest.sub("", header)
     fmi = render("fmi3.h", **c_values("arm", code.real))
     assert fmi.index(made) < fmi.index("#ifndef ARM_FMI3_H\n#define ARM_FMI3_H\n")

@@ -9,7 +9,7 @@ from tests.refusals import refused_with, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
-from flexhinf.scalars import where
+from flexhinf.scalars import absolute, sign, where
 
 
 def flow(x, u, d, p):
@@ -142,6 +142,14 @@ def test_models_that_do_not_run_on_symbols_are_refused(code):
     with pytest.raises(InvalidInput) as caught:
         Plant(code, lambda x, u, p: x, ("x",), ("u",))
     assert caught.value.advice
+
+
+def test_a_function_that_symbols_lack_is_a_formula_of_others():
+    output = lambda x, u, p: x  # noqa: E731
+    with refused_with(InvalidInput, "np.cbrt", "formula", "CONTRIBUTING.md"):
+        Plant(lambda x, u, d, p: u - np.cbrt(x), output, ("x",), ("u",))
+    plant = Plant(lambda x, u, d, p: u - sign(x) * absolute(x) ** (1.0 / 3.0), output, ("x",), ("u",))
+    assert float(plant.traced_flow([-8.0], [0.0], [], [])) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

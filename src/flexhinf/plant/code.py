@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import threading
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -100,10 +101,13 @@ def signals(what: str, model: Callable[[], Elements]) -> np.ndarray:
     except FlexhinfError:
         raise
     except Exception as error:
+        lacking = re.search(r"no callable (\w+) method", str(error))
         raise InvalidInput(
             f"{what} does not run on symbols.",
             f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
-            "the names in states, inputs and disturbances, and NumPy functions on the elements",
+            "the names in states, inputs and disturbances, and NumPy functions on the elements"
+            if lacking is None
+            else f"a formula of other functions instead of np.{lacking[1]}, or an operation: see CONTRIBUTING.md",
         ) from error
     refuse_if(
         signals.ndim != 1,
