@@ -31,7 +31,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from types import FrameType
 from typing import NamedTuple
 
 import numpy as np
@@ -241,17 +240,10 @@ def run_realtime(
             number is not None and (not isinstance(number, int) or not low <= number <= high),
             f"There is no such {what}.", f"expected {low} to {high}, got {value_text(number)}", advice,
         )  # fmt: skip
-    initial_input = loop.controller.input_before(initial_input, initial_estimate)
     paced = partial(
-        loop.run_paced,
-        reference=reference,
-        disturbance=disturbance,
-        noise=noise,
-        initial_state=initial_state,
-        seed=seed,
-        initial_input=initial_input,
-        multi_turn=multi_turn,
-    )
+        loop.run_paced, reference=reference, disturbance=disturbance, noise=noise, initial_state=initial_state,
+        seed=seed, initial_input=loop.controller.input_before(initial_input, initial_estimate), multi_turn=multi_turn,
+    )  # fmt: skip
     period = loop.controller.period
     samples = sample_count(duration, period)
     clock = _Clock(loop, library, {"state": initial_estimate, "input": initial_input}, samples, real_time)
@@ -383,13 +375,12 @@ def stopping() -> Generator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
 
-    def stop(number: int, frame: FrameType | None) -> None:
+    def stop(number: int, frame: object) -> None:
         if request and number == signal.SIGINT:
             raise KeyboardInterrupt
         request.append(number)
 
-    own = threading.current_thread() is threading.main_thread()
-    names = ("SIGINT", "SIGTERM", "SIGHUP") if own else ()
+    names = ("SIGINT", "SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     ending = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {n: handler for n in ending if (handler := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in before:
