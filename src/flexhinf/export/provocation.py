@@ -52,7 +52,7 @@ NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "
 WATCHED_FROM, SWINGS_FROM, SWINGS_MOST = 0.02, 0.005, 5.0
 
 #: Integrals that push an input beyond any wind-up, in their unit.
-WOUND_UP = 1e4
+WOUND_UP = 1e6
 
 #: Numbers of a memory up to which each is changed alone, with one row each; and memories in which many are changed.
 MOST_CHANGED, MIXED = 64, 48
@@ -68,6 +68,9 @@ COMMANDED, SEEN, HARD, DECIMALS = 0.1, 0.02, 3.0, 3
 
 #: Parts of the step's numbers that are variances, without which pivots of more covariances are zero.
 NOISE_PARTS = ("process_noise", "measurement_noise")
+
+#: How far its elements beside the diagonal are from zero, relative to both deviations.
+CORRELATED = 0.2
 
 #: Parts of a memory that count.
 COUNTS = ("doubt", "rejected", "seen")
@@ -109,6 +112,9 @@ KINDS, EACH, SEED = 6, 4, 1
 
 #: Kinds of them in which a covariance stays one.
 SEMIDEFINITE = (1, 2, 3)
+
+#: Factor of a column of a root that counts as zero and is none.
+TINY = 1e-150
 
 #: Numbers of a memory from which on only the first kinds are tried, and no singular covariances.
 LARGE = 200
@@ -250,8 +256,9 @@ def _tried(
 
 def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
     """Memories whose covariances, or roots of them, have other structures: nothing is zero, rows of other sizes, rows
-    that vanish, all zero, and signs that change; then of a small memory columns that vanish, and more sizes. Where
-    rounding of the C is not `exact`, covariances stay semidefinite: in float it decides which others are refused."""
+    that vanish, all zero, and signs that change; then of a small memory columns that vanish, more sizes, and columns of
+    a root that nearly vanish. Where rounding of the C is not `exact`, covariances stay semidefinite: in float it
+    decides which others are refused."""
     first = controller.initial_memory()
     rng = np.random.default_rng(SEED)
     for kind in range(KINDS if first.size > LARGE else 3 * KINDS):
@@ -278,6 +285,15 @@ def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
                 part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
         if parts:
             yield memory
+    root = _places(controller, "root") if exact and first.size <= LARGE else []
+    rows = math.isqrt(len(root))
+    for column in range(rows):
+        table = np.abs(first[root]).max() * rng.standard_normal((rows, rows))
+        table[column] = 0.0  # what is taken for zero would add something here
+        table[:, column] = TINY * rng.standard_normal(rows)
+        memory = np.array(first)
+        memory[root] = table.ravel()
+        yield memory
 
 
 def _changed_memories(controller: Controller, memory: np.ndarray) -> Iterator[np.ndarray]:
@@ -413,6 +429,9 @@ def _other_numbers(
                 OF_ZERO * (1.0 + 0.3 * np.cos(np.arange(part.size))),  # no two are equal
                 by,
             )
+    for name in NOISE_PARTS if zeros else ():
+        if name in places:
+            moved[places[name]] = _correlated(moved[places[name]])
     if "following" in places:
         part = moved[places["following"]]
         moved[places["following"]] = np.where(np.isposinf(part), WATCHED_FROM, part)
@@ -445,6 +464,16 @@ def _other_numbers(
     if "rcond_limit" in places:
         moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
+
+
+def _correlated(covariance: np.ndarray) -> np.ndarray:
+    """A covariance (n²,) with the same diagonal, or nearly, of which no element is zero and no two are equal."""
+    n = math.isqrt(covariance.size)
+    spread = np.sqrt(np.diag(covariance.reshape(n, n)))
+    spread = np.where(spread > 0.0, spread, OF_ZERO * spread.max())
+    beside = CORRELATED * np.tril(np.cos(1.0 + np.arange(n * n)).reshape(n, n), -1)
+    root = spread[:, None] * (np.eye(n) + beside)
+    return (root @ root.T).ravel()
 
 
 def _elsewhere(belief: np.ndarray, size: float) -> np.ndarray:

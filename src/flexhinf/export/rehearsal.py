@@ -127,7 +127,7 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
-            values += [*_beyond_ends(rows[place]), HUGE] if place in rows else []
+            values += [*_beyond_ends(rows[place], numbers), HUGE] if place in rows else []
         for value in (float(kind(value)) for value in values):
             found.append(
                 (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
@@ -135,9 +135,11 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
     return found
 
 
-def _beyond_ends(row: Range) -> list[float]:
-    """Numbers on either side of each end of a range, which are not equal to it in float either."""
-    ends = {end for end in (row.least, row.most, row.low, row.high) if math.isfinite(end)}
+def _beyond_ends(row: Range, numbers: np.ndarray) -> list[float]:
+    """Numbers on either side of each end of a range, and of the number that must be above, which are not equal to it in
+    float either."""
+    above = numbers[row.below] if row.below >= 0 else math.inf
+    ends = {float(end) for end in (row.least, row.most, row.low, row.high, above) if math.isfinite(end)}
     sizes = [abs(end) for end in ends if end != 0.0]
     zero = min(sizes, default=1.0)  # of an end at 0
     return sorted({end + side * CHANGE * (abs(end) or zero) for end in ends for side in (-1.0, 1.0)})

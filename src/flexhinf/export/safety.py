@@ -132,7 +132,7 @@ def bits(code: ControllerCode) -> list[tuple[str, ...]]:
         if bit == Status.LIMIT_CYCLE:
             after = "several swings, as `swings` of the parameters says"
         watched = bit in code.able
-        cells = (reaction, braked or after) if watched else ("not watched", "—")
+        cells = (reaction, f"{after}{braked and '; then '}{braked}") if watched else ("not watched", "—")
         found.append((f"{bit.value} `{code.upper(str(bit.name))}`", text, *cells))
     return found
 

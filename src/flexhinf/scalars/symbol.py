@@ -320,12 +320,19 @@ def householder(rows: np.ndarray, count: int) -> np.ndarray:
 
 
 def _largest(column: np.ndarray) -> np.ndarray:
-    """Flags, of which one is set: that of the first number of the largest magnitude; the first counts twice."""
+    """Flags, of which one is set: that of the first number of the largest magnitude; the first counts twice. A number
+    that is zero whatever comes is never larger than another."""
     best, place = 2.0 * absolute(column[0]), 0
-    for k, size in enumerate(absolute(column[1:]), 1):
+    tried = [k for k in range(1, len(column)) if not _is_always_zero(column[k])]
+    for k in tried:
+        size = absolute(column[k])
         larger = size > best
         best, place = where(larger, size, best), where(larger, k, place)
-    return np.array([place == k for k in range(len(column))])
+    return np.array([place == k if k in (0, *tried) else False for k in range(len(column))])
+
+
+def _is_always_zero(number: object) -> bool:
+    return number.sx.is_zero() if isinstance(number, Symbol) else isinstance(number, Real) and number == 0
 
 
 def residual(rows: np.ndarray, slope: np.ndarray) -> np.ndarray:

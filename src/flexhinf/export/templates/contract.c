@@ -559,6 +559,31 @@ static void goes_back(void)
     }
 }
 
+/* A start that fails again itself is forgotten: all memories are those of init. */
+static void forgotten_start(void)
+{
+    static @{name}_real before[@{NAME}_MEMORY];
+    int same = 1;
+    expect(@{name}_init(&state) == @{NAME}_OK, "init again");
+    give();
+    expect(step() == @{NAME}_OK, "OK after init");
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+        before[i] = state.start[i];
+        state.start[i] = before[i] + 1;
+        state.older[i] = state.start[i];
+        state.memory[i] = (@{name}_real)NAN;
+    }
+    state.began_again = 1; /* from that start, a sample ago */
+    expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK to init");
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+        same = same && state.start[i] >= before[i] && state.start[i] <= before[i];
+        same = same && state.memory[i] >= before[i] && state.memory[i] <= before[i];
+    }
+    expect(same && from_start(), "memories that are those of init");
+    give();
+    expect(step() == @{NAME}_OK, "OK from the memory of init");
+}
+
 /* A start from an input beyond the limits begins at the limit; wider limits of the caller widen nothing. */
 static void wide(void)
 {
@@ -819,6 +844,9 @@ int main(void)
     one_is_none();
 {% endif %}
     goes_back();
+    if (PREDICTS) {
+        forgotten_start();
+    }
     periods();
     limits();
     wide();
