@@ -18,8 +18,14 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.contract import CODES
-from flexhinf.export.controller_c import code_of
-from flexhinf.export.provocation import _memories, _singular_memories, _with_memories, provoked
+from flexhinf.export.controller_c import MISSING_LIMIT, code_of
+from flexhinf.export.provocation import (
+    NOISE_PARTS,
+    _memories,
+    _singular_memories,
+    _with_memories,
+    provoked,
+)
 from flexhinf.export.recording import Provocation, memory_hash, record
 from flexhinf.export.safety import CHECKED, SECTIONS
 
@@ -52,6 +58,8 @@ def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
     assert run.provocation is not None
     assert run.provocation.quiet is not None
     assert run.begun + run.provocation.quiet < len(run.y)
+    places = code.controller.data.places
+    assert all(np.all(run.provocation.numbers[places[name]] != 0.0) for name in NOISE_PARTS)
     memories = np.array([*run.provocation.memories.values()])
     assert not np.signbit(memories[memories == 0.0]).any()  # the test's text has 0 for them
     ever = np.bitwise_or.reduce(run.status)
@@ -87,6 +95,22 @@ def test_a_row_that_fails_where_noise_ends_holds_the_input_before_it() -> None:
     assert found.codes == ["OK", "OK", "BAD_RESULT"]
     assert np.any(found.u[1] != own.input_before())
     assert np.array_equal(found.u[2], found.u[1])
+
+
+@pytest.mark.costs("records a controller that is provoked")
+def test_what_provokes_has_a_measurement_before_the_watchdog_stops() -> None:
+    """C stops where more samples in a row are without one, and Python has no watchdog: a documented export failed its
+    own test, whose memories took one measurement after the other for implausible."""
+    far = np.full(1, 0.05)
+    own = arm_controller(kind=fh.ExtendedKalmanFilter, limit=48.0, measurement_limits=(-far, far, 1e3 * far))
+    code = code_of(own, "arm", "double")
+    run = provoked(code, record(own))
+    assert run.provocation is not None
+    begun, longest, count = run.begun, 0, 0
+    for kind, times in zip(run.codes[begun:], run.repeats[begun:], strict=True):
+        count = 0 if kind == "OK" else count + times
+        longest = max(longest, count)
+    assert 0 < longest <= MISSING_LIMIT
 
 
 @pytest.mark.ci("an export")

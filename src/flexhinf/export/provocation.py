@@ -16,8 +16,8 @@ import numpy as np
 
 from flexhinf.arrays import Number
 from flexhinf.errors import NumericalFailure
-from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import FAILED, Provocation, Recording, history_of
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
+from flexhinf.export.recording import FAILED, MEASURED, MISSING, Provocation, Recording, history_of
 from flexhinf.loop import Controller
 
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
@@ -209,16 +209,16 @@ def _tried(
     places = controller.data.places
     ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
 
-    def begun() -> list[Controller]:
-        """Controllers that have had all rows so far, one of each rounding."""
+    def begun() -> tuple[list[Controller], int]:
+        """Controllers that have had all rows so far, one of each rounding; and samples without a measurement since the
+        last one with."""
         both = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
-        for each in both:
-            one.feed_to(each, 0, one.quiet)
+        codes = [one.feed_to(each, 0, one.quiet).codes for each in both][0]
         if one.quiet is not None:
             both = [one.quieted(each) for each in both]
-            for each in both if one.quiet < len(one.y) else ():
-                one.feed_to(each, one.quiet)
-        return both
+            if one.quiet < len(one.y):
+                codes += [one.feed_to(each, one.quiet).codes for each in both][0]
+        return both, _without(codes, 0)[-1]
 
     def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
         memories = {**one.memories, len(one.y): memory}
@@ -231,7 +231,7 @@ def _tried(
         repeats = [*one.repeats, *[1] * count]
         return replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
 
-    going = begun()
+    going, missing = begun()
     for trial in other:
         memory, count = held(trial.memory), len(trial.y)
         last = controller.memory.named(memory).u
@@ -242,16 +242,26 @@ def _tried(
             more = longer(trial, memory, rows, measured)
             try:
                 codes = [more.feed_to(each, len(one.y)).codes for each in going]
-                if all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0]):
-                    one = more
+                alike = all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0])
+                counts = _without(codes[0], missing)
+                if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
+                    one, missing = more, counts[-1]
                 else:
-                    going = begun()
+                    going, missing = begun()
             except NumericalFailure:
-                going = begun()
+                going, missing = begun()
                 continue
             if rows > 1:
                 break
     return one
+
+
+def _without(codes: Sequence[str], before: int) -> list[int]:
+    """After each code, how many samples had no measurement since the last one with, behind so many."""
+    counts = [before]
+    for code in codes:
+        counts.append(counts[-1] + 1 if code == MISSING else 0 if code == MEASURED else counts[-1])
+    return counts[1:]
 
 
 def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
