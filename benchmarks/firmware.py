@@ -5,8 +5,10 @@
     python -m benchmarks.firmware --only peers  likewise those of `benchmarks.firmware_peers`, beside the exported C
     python -m benchmarks.firmware --only tests  likewise those of `benchmarks.firmware_tests`: what the shipped tests
                                                 notice of changed C, and what they reach; only so, as it takes long
-    python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers or tests the
-                                                other ones
+    python -m benchmarks.firmware --only trajectories  likewise those of `benchmarks.firmware_trajectories`: how it
+                                                follows trajectories on MuJoCo's robot; only so
+    python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers, tests or
+                                                trajectories the other ones
 
 Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F and Cortex-M7 that QEMU emulates
 (``make cortex-m4`` of an exported folder, with the flags and the board of either). Cycles are counted too: QEMU tells
@@ -33,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
-from benchmarks import firmware_peers, firmware_tests
+from benchmarks import firmware_peers, firmware_tests, firmware_trajectories
 from benchmarks.firmware_peers import PROGRAMS, Peer, kilobytes
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c
@@ -520,6 +522,7 @@ def main() -> int:
         "exported": lambda: table(kept_rows()),
         "peers": lambda: firmware_peers.table(kept_rows()),
         "tests": lambda: firmware_tests.table(firmware_tests.kept_rows()),
+        "trajectories": lambda: firmware_trajectories.table(firmware_trajectories.kept_rows()),
     }
     parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=__doc__)
     parser.add_argument(
@@ -527,13 +530,16 @@ def main() -> int:
     )
     parser.add_argument(
         "--only",
-        choices=[*map(str, DESIGNS), "peers", "tests"],
-        help="the rows of one design, of peers or of tests",
+        choices=[*map(str, DESIGNS), "peers", "tests", "trajectories"],
+        help="the rows of one design, of peers, of tests or of trajectories",
     )
     wanted = parser.parse_args()
     if wanted.only == "tests":
         firmware_tests.keep(controller)
         wanted.table = "tests"
+    if wanted.only == "trajectories":
+        firmware_trajectories.keep()
+        wanted.table = "trajectories"
     if wanted.table is None:
         known = {key(row): row for row in kept_rows()}
         for row in ROWS:  # kept one by one

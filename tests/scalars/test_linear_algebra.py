@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from itertools import permutations
 
+import casadi as ca
 import mpmath
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import scipy.linalg
 from hypothesis import given, strategies as st
 
 from flexhinf.scalars import (
+    Symbol,
     cholesky,
     coefficients,
     gram,
@@ -170,3 +172,24 @@ def test_reflections_and_residuals_on_symbols_equal_the_floats():
     reflected = on_symbols(lambda t: householder(t, 2), table)
     np.testing.assert_allclose(reflected, householder(table, 2).ravel(), atol=1e-14)
     np.testing.assert_allclose(on_symbols(residual, rows, slope), residual(rows, slope).ravel(), atol=1e-14)
+
+
+def test_rows_that_are_zero_in_a_column_whatever_comes_are_not_compared() -> None:
+    """The exported C of a root has no choice that never comes, and the numbers are those of rows of floats."""
+    rng = np.random.default_rng(3)
+    numbers = np.vstack([rng.standard_normal((2, 2)), np.triu(rng.standard_normal((2, 2)))])
+    numbers[3, 0] = 0.0
+    names = ca.SX.sym("t", 4, 2)
+
+    def reduced(zero: bool) -> ca.Function:
+        table = np.array([[Symbol(names[i, j]) for j in range(2)] for i in range(4)], dtype=object)
+        if zero:
+            table[3, 0] = 0
+        rows = [one.sx if isinstance(one, Symbol) else ca.SX(one) for one in householder(table, 1).ravel()]
+        return ca.Function("f", [names], [ca.vertcat(*rows)])
+
+    short, whole = reduced(True), reduced(False)
+    expected = householder(numbers, 1).ravel()
+    for one in (short, whole):
+        np.testing.assert_allclose(one(numbers).full().ravel(), expected, rtol=1e-12, atol=1e-14)
+    assert short.n_instructions() < 0.9 * whole.n_instructions()

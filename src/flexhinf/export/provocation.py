@@ -213,11 +213,12 @@ def _tried(
         """Controllers that have had all rows so far, one of each rounding; and samples without a measurement since the
         last one with."""
         both = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
-        codes = [one.feed_to(each, 0, one.quiet).codes for each in both][0]
+        codes, *_ = [one.feed_to(each, 0, one.quiet).codes for each in both]
         if one.quiet is not None:
             both = [one.quieted(each) for each in both]
             if one.quiet < len(one.y):
-                codes += [one.feed_to(each, one.quiet).codes for each in both][0]
+                more, *_ = [one.feed_to(each, one.quiet).codes for each in both]
+                codes += more
         return both, _without(codes, 0)[-1]
 
     def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
