@@ -61,8 +61,8 @@ def planned(joints: Sequence[str], start: np.ndarray, end: np.ndarray) -> fh.Fol
     speed = np.minimum(np.minimum(ACCELERATION * times, top), ACCELERATION * left)
     gain = ACCELERATION * ((times < ramp).astype(float) - (left < ramp))
     unit = (end - start) / way
-    rows = (start + np.outer(place, unit), np.outer(speed, unit), np.outer(gain, unit))
-    return fh.FollowGoal(list(joints), times, *(part.tolist() for part in rows))
+    points, speeds, gains = start + np.outer(place, unit), np.outer(speed, unit), np.outer(gain, unit)
+    return fh.FollowGoal(list(joints), times, points, speeds, gains)
 
 
 def driven(setup: Any, controller: fh.Controller, case: str, poses: np.ndarray) -> dict[str, Any]:
@@ -75,9 +75,8 @@ def driven(setup: Any, controller: fh.Controller, case: str, poses: np.ndarray) 
     number, known = server.submit(goal), dict[int, str]()
     away, inputs, swings = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     half, over = round(SHARE * last / controller.period), round((last + STILL) / controller.period)
-    other = planned(
-        robot.joint_names, np.asarray(goal.positions)[round(SHARE * len(goal.positions))], poses[2]
-    )
+    points = np.asarray(goal.positions)
+    other = planned(robot.joint_names, points[round(SHARE * len(points))], poses[2])
     if case == "replaced":
         over = half + round((float(np.asarray(other.times)[-1]) + STILL) / controller.period)
     n, quiet = len(robot.joint_names), round(0.5 * STILL / controller.period)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import platform
 import re
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.firmware_trajectories import instructions
 from tests.export.test_code import STRICT
 from tests.export.test_rest import controller_of, robot_of
 
@@ -427,47 +429,16 @@ def test_make_of_an_export_counts_trajectories(compiler: str, tmp_path: Path) ->
     assert all("arm_follow_test" in text for text in texts)
 
 
-COUNTED = """
-#include "arm_follow.h"
-#include <stdlib.h>
-int main(int count, char **texts)
-{
-    static arm_follow_state state;
-    static arm_follow_point points[2];
-    arm_follow_goal goal = {.points = points, .count = 2, .moves = {1, 1}};
-    arm_follow_input input = {.speed = 1, .path_rate = 1};
-    arm_follow_output output = {.result = 0};
-    arm_real q[ARM_FOLLOW_JOINTS] = {0};
-    arm_follow_init(&state, q);
-    points[0].time = (arm_real)0.5, points[1].time = 1;
-    points[0].order = points[1].order = 3;
-    points[0].position[0] = (arm_real)0.1, points[1].position[0] = (arm_real)0.2;
-    if (count != 2 || arm_follow_start(&state, &arm_follow_defaults, &goal) != ARM_FOLLOW_ACTIVE) return 1;
-    for (int k = atoi(texts[1]); k > 0; --k) {
-        arm_follow_step(&state, &arm_follow_defaults, &arm_defaults, &input, &output);
-    }
-    return 0;
-}
-"""
-
-
 @pytest.mark.ci("runs a program in valgrind")
 def test_a_step_costs_what_the_page_says(compiler: str, tmp_path: Path, repository: Path) -> None:
     """Instructions of a step, as the difference of two runs; other versions of the compiler may differ a little."""
     if shutil.which("valgrind") is None or "gcc" not in compiler:
         pytest.skip("missing: gcc and valgrind")
-    code = code_of(controller_of("planar-two-link"), "arm", "double", robot_of("planar-two-link"))
-    for file, text in {**code.files, **follow_files(code), "count.c": COUNTED}.items():
-        (tmp_path / file).write_text(text)
-    words = ["-std=c99", "-O3", "-march=x86-64-v3", "arm.c", "arm_follow.c", "count.c", "-lm", "-o", "count"]
-    if subprocess.run([compiler, *words], cwd=tmp_path, check=False, capture_output=True).returncode:
+    if platform.machine() != "x86_64":
         pytest.skip("missing: a compiler for x86-64")
-    counts = []
-    for steps in ("100", "400"):
-        run = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", "./count", steps]
-        told = subprocess.run(run, cwd=tmp_path, check=True, capture_output=True, text=True).stderr
-        counts.append(int(re.findall(r"Collected : (\d+)", told)[0]))
+    code = code_of(controller_of("planar-two-link"), "arm", "double", robot_of("planar-two-link"))
     text = (repository / "docs" / "ros2.md").read_text(encoding="utf-8")
     stated = re.search(r"([\d,]+) instructions for two joints", text)
     assert stated is not None
-    assert (counts[1] - counts[0]) / 300 == pytest.approx(float(stated[1].replace(",", "")), rel=0.1)
+    found = instructions(code, [0.0, 0.0], tmp_path)
+    assert found == pytest.approx(float(stated[1].replace(",", "")), rel=0.1)
