@@ -1,4 +1,4 @@
-"""How exported C follows trajectories as MoveIt sends them, on MuJoCo's robot, for docs/ros2.md.
+"""How exported C follows trajectories as MoveIt sends them, on MuJoCo's robot, for docs/firmware_study.md.
 
 ``python -m benchmarks.firmware --only trajectories`` measures every row and keeps it in
 benchmarks/firmware_trajectories.json. A trajectory is a straight line between two poses of the workspace, in the

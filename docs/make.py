@@ -503,7 +503,10 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),
     "firmware-peers": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "peers")),
     "firmware-tests": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "tests")),
-    "firmware-trajectories": ("docs/ros2.md", benchmark("benchmarks.firmware", "--table", "trajectories")),
+    "firmware-trajectories": (
+        "docs/firmware_study.md",
+        benchmark("benchmarks.firmware", "--table", "trajectories"),
+    ),
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
     "public-robots": ("docs/hardware.md", benchmark("benchmarks.robots", "--table")),
