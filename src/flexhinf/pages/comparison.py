@@ -20,7 +20,13 @@ from flexhinf.design.tuning import (
 )
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.numerals import number
-from flexhinf.pages.comparison_figures import arms_of, ranking_figure, responses_figure, trade_off_figure
+from flexhinf.pages.comparison_figures import (
+    arms_of,
+    ranking_figure,
+    responses_figure,
+    small_of,
+    trade_off_figure,
+)
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
     count_text,
@@ -466,16 +472,21 @@ def unit_of(metric: LawMetric, comparison: Comparison) -> str:
         return f"of {len(comparison.scenario.robots)}"
     if metric.key == "unstable_corners" and own is not None and own.corners is not None:
         return f"of {own.corners.count}"
+    assert own is not None
     small = f"{_prefix(metric, comparison)[0]}{units['input']}"
-    return {"input": units["input"], "small input": small, "length": small_of(comparison)[0]}.get(
+    return {"input": units["input"], "small input": small, "length": small_of(units_of(own))[0]}.get(
         metric.unit, metric.unit
     )
 
 
-def small_of(comparison: Comparison) -> tuple[str, float]:
-    """Unit of small deviations of links, and the factor to it: as on the page of the design itself."""
-    assert comparison.own.evaluation is not None
-    return units_of(comparison.own.evaluation).smallest
+def _with_unit(text: str, metric: LawMetric, law: ComparedLaw) -> str:
+    """A value with the unit of its joint, where joints turn and slide and the joint is known."""
+    e, small = law.evaluation, ""
+    if e is not None and metric.unit == "length" and metric.key in e.worst:
+        small = small_of(units_of(e))[0]
+    if e is None or " or " not in small or not text[:1].isdigit():
+        return text
+    return f"{text} {units_of(e).of(small, e.worst[metric.key].joint)}"
 
 
 def _prefix(metric: LawMetric, comparison: Comparison) -> tuple[str, float]:
@@ -495,7 +506,8 @@ def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
         if "settling" in metric.key:
             return f"> {comparison.scenario.step_duration:g}"
         return "never" if metric.key == "load_recovery_s" else "∞" if metric.better > 0 else "diverges"
-    value *= {"length": small_of(comparison)[1], "ms": 1e3}.get(metric.unit, 1.0)
+    assert comparison.own.evaluation is not None
+    value *= {"length": small_of(units_of(comparison.own.evaluation))[1], "ms": 1e3}.get(metric.unit, 1.0)
     if metric.unit == "small input":
         value *= _prefix(metric, comparison)[1]
     if metric.unit == "%":
@@ -558,10 +570,8 @@ def metric_table(
                 continue
             kept = {name: values[name] for name in eligible}
             best = dict(zip(kept, best_of(metric, list(kept.values()))))
-            cells = (
-                Cell(cell(metric, values[law.name], comparison), "best" if best.get(law.name) else "")
-                for law in laws
-            )
+            texts = [_with_unit(cell(metric, values[law.name], comparison), metric, law) for law in laws]
+            cells = (Cell(text, "best" if best.get(law.name) else "") for text, law in zip(texts, laws))
             entries.append((", ".join(filter(None, (metric.label, unit_of(metric, comparison)))), *cells))
         rows += [heading if short else titles[heading], *entries] if entries else []
     return Table(

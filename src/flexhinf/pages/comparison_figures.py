@@ -15,6 +15,7 @@ from flexhinf.pages.drawing import (
     DASHED,
     Line,
     Panel,
+    Units,
     figure_block,
     framed,
     legend_above,
@@ -173,6 +174,12 @@ def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> li
     return [] if figure is None else [figure]
 
 
+def small_of(units: Units) -> tuple[str, float]:
+    """Unit and factor of a small deviation of a joint that is not known: where joints turn and slide, thousandths."""
+    unit, factor = units.small
+    return (unit, factor) if " or " not in unit else ("mrad or mm", 1e3)
+
+
 @house_style()
 def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
     """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
@@ -184,7 +191,7 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         return None
     evaluation = comparison.own.evaluation
     assert evaluation is not None
-    small, scale = units_of(evaluation).smallest
+    small, scale = small_of(units_of(evaluation))
     points = np.array([(law.metrics.peak_input, scale * law.metrics.load_deviation) for law in finite])
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()

@@ -50,6 +50,9 @@ POINTS = 1500
 #: A limit is drawn where the values reach this fraction of it; a caption names one that is further away.
 NEAR = 0.25
 
+#: Height of a panel among three or more of a figure, inches.
+ROW = 2.2
+
 DOTTED = (0, (1.0, 1.6))
 DASHED = (6.0, 3.0)
 
@@ -173,31 +176,57 @@ def joint_panel(
     min_span: float | None = None,
     linewidth: float = 1.5,
     vertical: float | None = None,
+    drawn: Sequence[int] | None = None,
 ) -> Panel:
     """Panel of signals (N, n) over time (N,), a line for each joint, with a dotted plan (N, n), and limits ± (n,),
-    dashed where a signal comes near (a far one would leave the values flat). The axis shows `min_span` at least."""
-    few, bounds, y = thin(time), dict[float, str](), None
+    dashed where a signal comes near (a far one would leave the values flat). The axis shows `min_span` at least.
+
+    `drawn`: places of the joints that are drawn, by default all; of others only the legend has the line."""
+    few, bounds, y, shown = thin(time), dict[float, str](), None, list(drawn or range(len(joints)))
+    own, away = values[:, shown], np.empty(0)
     lines = [
-        Line(time[few], values[few, k], name, {**line_style(k), "linewidth": linewidth})
+        Line(*((time[few], values[few, k]) if k in shown else (away, away)), name,
+             {**line_style(k), "linewidth": linewidth})
         for k, name in enumerate(joints if len(joints) > 1 or plan is None else ["link"])
-    ]
+    ]  # fmt: skip
     if plan is not None:
-        style = {"color": MUTED, "linewidth": 1.2, "linestyle": DOTTED}
-        lines += [Line(time[few], x, None if k else plan_name, style) for k, x in enumerate(plan[few].T)]
+        style = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
+        lines += [
+            Line(time[few], x, None if k else plan_name, style) for k, x in enumerate(plan[few][:, shown].T)
+        ]
     if limits is not None:
-        for joint in np.flatnonzero(np.isfinite(limits)).tolist():
+        for joint in (k for k in shown if np.isfinite(limits[k])):
             limit, (low, high) = float(limits[joint]), framed(values[:, joint])
             color = INK if len(set(limits.tolist())) == 1 else line_style(joint)["color"]
             for side, size in ((limit, high), (-limit, -low)):
                 if size > NEAR * limit:
                     bounds.setdefault(side, color)
-        y = framed(np.array([*framed(values), *bounds]))
+        y = framed(np.array([*framed(own), *bounds]))
     if min_span is not None:
-        low, high = framed(values[few])
+        low, high = framed(own[few])
         middle, half = 0.5 * (low + high), 0.5 * max(high - low, min_span)
         y = middle - half, middle + half
     dashed = [(side, color, None if k else limit_name) for k, (side, color) in enumerate(bounds.items())]
     return Panel(quantity, unit, lines, (0.0,) if zero else (), dashed, vertical, y=y)
+
+
+def joint_panels(
+    units: Units, quantity: str, unit: str, time: np.ndarray, values: np.ndarray, **options: Any
+) -> list[Panel]:
+    """As `joint_panel`, with a panel of its own for each of the units that the joints have, such as rad and m; the
+    legend of the first names all joints. A `min_span` may be (n,), of each joint."""
+    spans, parts = options.pop("min_span", None), list[Panel]()
+    for own, places in units.kinds(unit).items():
+        span = None if spans is None else float(np.broadcast_to(spans, len(units.joints))[places].max())
+        part = joint_panel(quantity, own, time, units.joints, values, drawn=places, min_span=span, **options)
+        if parts:  # all lines are named above the first
+            part = replace(
+                part,
+                lines=[line._replace(name=None) for line in part.lines if len(line.x)],
+                dashed=[(value, color, None) for value, color, _ in part.dashed],
+            )
+        parts.append(part)
+    return parts
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
@@ -265,6 +294,7 @@ class Units:
         )
         self.effort = signals(plant.inputs)
         self.speed = self._joined("rad/s", "m/s")
+        self.acceleration = self._joined("rad/s²", "m/s²")
         self.compliance = self._joined("rad/(N·m)", "m/N")
         self.impulse = self._joined("N·m·s", "N·s")
         turned = math.degrees(1.0) if self.degrees else 1.0
@@ -277,11 +307,12 @@ class Units:
             else (self._joined("mrad", "mm"), 1e3)
         )
 
-    @property
-    def smallest(self) -> tuple[str, float]:
-        """Unit and factor of a small deviation whose joint is not known, such as the largest of all joints."""
-        mixed = any(self.slides) and not all(self.slides)
-        return (self._joined("mrad", "mm"), 1e3) if mixed else self.small
+    def kinds(self, unit: str) -> dict[str, list[int]]:
+        """The units of the joints out of one such as "rad or m", and the places of the joints that have each."""
+        places = dict[str, list[int]]()
+        for k, joint in enumerate(self.joints):
+            places.setdefault(self.of(unit, joint), []).append(k)
+        return {own: places[own] for own in unit.split(" or ") if own in places}
 
     def _joined(self, turning: str, sliding: str) -> str:
         there = (turning, not all(self.slides)), (sliding, any(self.slides))
@@ -308,12 +339,24 @@ class Units:
     def small_text(self, value: float, digits: int, joint: str = "") -> str:
         """A small deviation of a joint with its unit; without a joint, of those that turn and those that slide."""
         unit, scale = self.small
-        if joint in self.joints:
-            kinds = {self.of(unit, joint): self.factor_of(scale, joint)}
-        else:
-            kinds = {self.of(unit, name): self.factor_of(scale, name) for name in self.joints}
-        texts = [number_text(factor * value, own, digits) for own, factor in kinds.items()]
-        return " or ".join(sorted(texts, key=lambda text: text.endswith("mm")))
+        names = [joint] if joint in self.joints else [self.joints[at[0]] for at in self.kinds(unit).values()]
+        return " or ".join(
+            number_text(self.factor_of(scale, name) * value, self.of(unit, name), digits) for name in names
+        )
+
+    def each_text(self, values: Any, unit: str, before: str = "") -> str:
+        """Values (n,) or one for all, in such units already, with those of the joints: ``base ±4 rad/s, quill ±1 m/s``.
+
+        `before` stands before each number. One text without the joints where all have the same.
+        """
+        row = np.broadcast_to(values, len(self.joints)).tolist()
+        texts = [
+            f"{before}{number_text(x, self.of(unit, joint))}" if math.isfinite(x) else "none"
+            for x, joint in zip(row, self.joints)
+        ]
+        if len(set(texts)) == 1:
+            return texts[0]
+        return ", ".join(f"{joint} {text}" for joint, text in zip(self.joints, texts))
 
     def effort_text(self, limits: np.ndarray) -> str:
         """Limits ± of several joints with their units: ``±60 V``, or ``±87 N·m, ±87 N·m, ±12 N``."""

@@ -21,14 +21,15 @@ from flexhinf.loop import Status
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.numerals import number
-from flexhinf.pages.design.overview import HEIGHT, arm_picture
+from flexhinf.pages.design.overview import arm_picture, lead_height
 from flexhinf.pages.drawing import (
     DASHED,
+    Panel,
     Units,
     count_text,
     draw_figure,
     figure_block,
-    joint_panel,
+    joint_panels,
     pose_text,
     rounded,
     settling_text,
@@ -425,21 +426,27 @@ def _command(prepared: DeployedRun, run: RealTimeRun) -> np.ndarray:
 def _lead(prepared: DeployedRun, run: RealTimeRun) -> list[Figure]:
     """Links with their command, and inputs; the arm."""
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
-    figure, (upper, lower) = new_figure(2, height=HEIGHT)
-    joint_panel(
-        "link position", units.angle, time, response.joints, units.scale * response.positions,
+    links = joint_panels(
+        units, "link position", units.angle, time, units.scale * response.positions,
         plan=units.scale * _command(prepared, run), plan_name="command",
-    ).draw(upper)  # fmt: skip
-    legend(upper)
-    panel = joint_panel("input", units.effort, time, response.joints, response.inputs, limits=_bounds(run))
-    panel.draw(lower)
+    )  # fmt: skip
+    inputs = joint_panels(units, "input", units.effort, time, response.inputs, limits=_bounds(run))
+    figure, axes = new_figure(len(links) + len(inputs), height=lead_height(len(links) + len(inputs)))
+    for axis, panel in zip(axes, (*links, *inputs)):
+        panel.draw(axis)
+    legend(axes[0])
     block = figure_block(
         "result", figure,
-        f"Links and inputs as simulated by MuJoCo. Dotted: the command.{' Dashed: limits.' * bool(panel.dashed)}",
+        f"Links and inputs as simulated by MuJoCo. Dotted: the command.{_dashed(inputs)}",
         "The run",
     )  # fmt: skip
     arm = arm_picture(prepared.robot, response)
     return [block] if arm is None else [block, arm]
+
+
+def _dashed(parts: Sequence[Panel]) -> str:
+    """What dashed lines are, where there are some."""
+    return " Dashed: limits." * any(panel.dashed for panel in parts)
 
 
 def _bounds(run: RealTimeRun) -> np.ndarray:
@@ -455,8 +462,8 @@ def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
     return draw_figure(
         "tracking",
         (
-            joint_panel("link − command", small, time, response.joints, error, zero=True),
-            joint_panel("wind-up, motor − link", small, time, response.joints, factor * (theta - response.positions)),
+            *joint_panels(units, "link − command", small, time, error, zero=True),
+            *joint_panels(units, "wind-up, motor − link", small, time, factor * (theta - response.positions)),
         ),
         "Distance of the links from their command, and twist of the springs as seen from the link side.",
         "Tracking",
@@ -465,10 +472,8 @@ def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
 
 def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
-    panel = joint_panel("input", units.effort, time, response.joints, response.inputs, limits=_bounds(run))
-    figure = draw_figure(
-        "effort", (panel,), f"Inputs as applied.{' Dashed: limits.' * bool(panel.dashed)}", "Inputs"
-    )
+    parts = joint_panels(units, "input", units.effort, time, response.inputs, limits=_bounds(run))
+    figure = draw_figure("effort", parts, f"Inputs as applied.{_dashed(parts)}", "Inputs")
     low, high = run.input_range
     rows = [
         (joint, float(peak_of(u)), float(np.sqrt(np.mean(u**2))), float(a) if np.isfinite(a) else None,

@@ -16,7 +16,7 @@ from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.numerals import number
 from flexhinf.pages.design.weights import effort_unit, state_weights
-from flexhinf.pages.drawing import Units, effort_text, listed
+from flexhinf.pages.drawing import Units, listed
 from flexhinf.report import Setting
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
@@ -111,11 +111,15 @@ def sensor_rows(setup: LoopPlants) -> Rows:
     return [
         ("measured", list(plant.outputs), "", source_of(setup.specification, "measured")),
         *(
-            (f"Rⁿ of {name.replace('_', ' ')}", float(value), f"({plant.unit(name)})²", source)
+            (f"Rⁿ of {name.replace('_', ' ')}", float(value), _squared(plant.unit(name)), source)
             for name, value in zip(plant.outputs, setup.noise_variances)
         ),
         ("simulated noise", "white, of these variances", "", "ours"),
     ]
+
+
+def _squared(unit: str) -> str:
+    return f"({unit})²" if "·" in unit or "/" in unit else f"{unit}²"
 
 
 def loop_rows(setup: LoopPlants) -> Rows:
@@ -128,12 +132,17 @@ def loop_rows(setup: LoopPlants) -> Rows:
     peaked = not np.array_equal(bounds[0], limits.saturation)
     sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
     inputs = units.effort_text(bounds[0]) if np.isfinite(bounds[0]).any() else "none"
-    speeds = effort_text(bounds[1]) if np.isfinite(bounds[1]).any() else "none"
+    speeds = units.each_text(bounds[1], units.speed, "±") if limits.limits_speed else "none"
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if setup.quantisation is None else np.atleast_1d(setup.quantisation).tolist()
     return [
         ("sampling period", s.period, "s", source_of(s, "period")),
-        ("latency, known to the estimator", s.known_latency, "samples", source_of(s, "latency")),
+        (
+            "latency, known to the estimator",
+            s.known_latency,
+            f"sample{'s' * (s.known_latency != 1)}",
+            source_of(s, "latency"),
+        ),
         ("delay of the inputs on top of it", s.unknown_delay, "s", source_of(s, "unknown_delay")),
         (
             "quantisation of the measurements",
@@ -142,7 +151,7 @@ def loop_rows(setup: LoopPlants) -> Rows:
             source_of(s, "quantisation"),
         ),
         ("limits of the inputs", inputs, "", stated[0]),
-        ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
+        ("limits of the speeds", speeds, "", stated[1]),
         *(
             (f"limits of the inputs' {name}s", units.effort_text(most), f"per {time}", ROBOT)
             for name, most, time in (("rate", limits.rate, "s"), ("acceleration", limits.acceleration, "s²"))

@@ -29,16 +29,16 @@ from flexhinf.design.workspace.setup import (
     pose_limits,
 )
 from flexhinf.loop.simulation.metrics import WINDOW, peak_of
-from flexhinf.numerals import number
+from flexhinf.numerals import number, number_text
 from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
     Line,
     Panel,
     count_text,
     draw_figure,
-    effort_text,
     joint_count,
     joint_panel,
+    joint_panels,
     line_style,
     listed,
 )
@@ -76,6 +76,9 @@ from flexhinf.robot.waypoints import LIMITS
 
 #: What design.json holds of a requirement, besides `requirement_numbers`.
 REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
+
+#: Between a number and its unit in a narrow cell.
+HARD_SPACE = "\u00a0"
 
 
 def workspace_page(
@@ -254,12 +257,18 @@ def _pose_figure(design: WorkspaceEvidence) -> Any:
 
 
 def _move_table(design: WorkspaceEvidence) -> Table:
-    rows, columns = [], columns_of(design)
+    rows, units = [], units_in(design)
     for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
-        found = worst_motion(moves)
-        values = [[factor * row[key] for row in found] for key, (_, _, factor) in columns.items()]
-        for name, chosen in (("median", np.median), ("largest", np.max)) if found else ():
-            rows.append((f"{which}, {name}", *(number(float(chosen(each)), 3) for each in values)))
+        for name, chosen in (("median", np.median), ("largest", np.max)) if moves else ():
+            cells = [f"{which}, {name}"]
+            for key, (_, unit, factor) in columns_of(design).items():
+                texts = []
+                for own, places in units.kinds(unit).items():
+                    found = float(chosen([row[key] for row in worst_motion(moves, places)]))
+                    scaled = found * units.factor_of(factor, units.joints[places[0]])
+                    texts.append(number_text(scaled, own if " or " in unit else "", 3))
+                cells.append(", ".join(text.replace(" ", HARD_SPACE) for text in texts))
+            rows.append(tuple(cells))
     speed = design.setup.limits.speed
     speeds = [f"{SPEED:.0%} of the speed limits".replace("%", " %")] if np.isfinite(speed).any() else []
     if not np.isfinite(speed).all():
@@ -273,20 +282,26 @@ def _move_table(design: WorkspaceEvidence) -> Table:
 
 
 def _heads(design: WorkspaceEvidence) -> list[str]:
-    return [f"{title}, {unit}" for title, unit, _ in columns_of(design).values()]
+    """Titles of columns with the unit, where all joints have the same."""
+    columns = columns_of(design).values()
+    return [title if " or " in unit else f"{title}, {unit}" for title, unit, _ in columns]
 
 
 def _joint_table(design: WorkspaceEvidence) -> Table:
     """Of each joint the largest number of all moves, and the move."""
-    found = [move.motion for move in (*design.moves, *design.sampled)]
+    found, units = [move.motion for move in (*design.moves, *design.sampled)], units_in(design)
     rows = []
     for k, joint in enumerate(design.setup.joints):
         cells = [joint]
-        for key, (_, _, factor) in columns_of(design).items():
+        for key, (_, unit, factor) in columns_of(design).items():
             values = [row[k].get(key, np.nan) if row else np.inf for row in found]
             worst = None if np.isnan(values).all() else int(np.nanargmax(values))
+            own = units.of(unit, joint) if " or " in unit else ""
             cells.append(
-                "–" if worst is None else f"{number(factor * values[worst], 3)} ({_move_name(design, worst)})"
+                "–"
+                if worst is None
+                else f"{number_text(units.factor_of(factor, joint) * values[worst], own, 3).replace(' ', HARD_SPACE)} "
+                f"({_move_name(design, worst)})"
             )
         rows.append(cells)
     caption = "The worst move of each joint, by the nominal robot or by one at a corner of its tolerances."
@@ -349,9 +364,13 @@ def _move_figure(design: WorkspaceEvidence) -> Any:
     inputs = 100.0 * run.inputs / design.setup.authority if limited else run.inputs
     planned = np.reshape(move.plan(time), (len(time), -1))
     panels = [
-        joint_panel("position", units.position, time, joints, run.positions),
-        joint_panel("error", small, time, joints, factor * (run.positions - planned), zero=True),
-        joint_panel("input", "% of the limit" if limited else units.effort, time, joints, inputs, zero=True),
+        *joint_panels(units, "position", units.angle, time, units.scale * run.positions),
+        *joint_panels(units, "error", small, time, factor * (run.positions - planned), zero=True),
+        *(
+            [joint_panel("input", "% of the limit", time, joints, inputs, zero=True)]
+            if limited
+            else joint_panels(units, "input", units.effort, time, inputs, zero=True)
+        ),
     ]
     name = _move_name(design, worst)
     caption = (
@@ -459,31 +478,43 @@ def _law_table(design: WorkspaceEvidence) -> Table:
 
 def _watched(design: WorkspaceEvidence) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
-    setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
+    setup, box, watch, units = (
+        design.setup,
+        design.setup.workspace.box,
+        design.setup.supervision,
+        units_in(design),
+    )
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
-    swing = units_in(design).effort_text(np.round(0.5 * setup.input_swing, 2))
+    own = [units.of(units.angle, joint) for joint in units.joints]
+
+    def away(values: Any, decimals: int = 4) -> str:
+        return units.each_text(units.scale * np.round(values, decimals), units.angle, "±")
+
+    swing = units.each_text(np.round(0.5 * setup.input_swing, 2), units.effort, "±")
     watched = [
-        f"whether the commanded joints are within {watch.text} (rad, m)",
+        f"whether the commanded joints are within {watch.box_text(own, units.scale)}",
         f"whether an input swings to and fro by more than {swing} at rest, or a joint by more than "
-        f"{effort_text(np.round(0.5 * setup.position_swing, 6))} (rad, m)",
+        f"{away(0.5 * setup.position_swing, 6)}",
         *(["whether an input stays at a limit"] if setup.limits.saturated is not None else []),
-        f"whether a joint is further than {effort_text(np.round(setup.following, 4))} (rad, m) from its command",
+        f"whether a joint is further than {away(setup.following)} from its command",
     ]
     if setup.resistance is not None:
-        sizes = effort_text(np.round(setup.resistance, 1))
-        watched.append(f"whether more than {sizes} (rad/s², m/s²) beyond its model keep such a joint from it")
+        sizes = units.each_text(np.round(setup.resistance, 1), units.acceleration)
+        watched.append(f"whether more than {sizes} beyond its model keep such a joint from it")
+    reactions = watch.reactions_text(own, units.scale)
     return Paragraph(
         f"At run time the controller watches {listed(watched)}; its status says so. {tool}Reactions: "
-        f"{watch.reaction_text}. `path_rate` then falls to 0, and a command that advances so much of a period along "
-        "its path comes to rest. A program that does not read it is not braked, but a joint that is further from its "
-        f"command than {effort_text(np.round(setup.governor.distance, 4))} (rad, m) comes back "
-        "slowly. `reset` begins again, and `controller(supervision=…)` states other reactions."
+        f"{reactions}. `path_rate` then falls to 0, and a command that advances so much of a "
+        "period along its path comes to rest. A program that does not read it is not braked, but a joint that is "
+        f"further from its command than {away(setup.governor.distance)} comes back slowly. "
+        "`reset` begins again, and `controller(supervision=…)` states other reactions."
     )
 
 
 def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
     """Settings: where the design is judged, by which random numbers."""
     s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.extras)
+    units = units_in(design)
     seed, option = 100 * s.seed, FIELDS["workspace"].option
     ranged = s.workspace == LIMITS or space.box is not None
     turning = any(ends is None for ends in design.robot.links.limits)
@@ -499,8 +530,8 @@ def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
             "",
             f"{'default of' if s.workspace == LIMITS else 'option'} {option}",
         ),
-        ("its smallest positions", space.lower, "", ends),
-        ("its largest positions", space.upper, "", ends),
+        ("its smallest positions", units.each_text(units.scale * space.lower, units.angle), "", ends),
+        ("its largest positions", units.each_text(units.scale * space.upper, units.angle), "", ends),
         ("true plant of the moves", f"the robot{dry and f', with {dry}'}", "", "its file, and --extras"),
         ("poses that are judged", len(design.loops), "", f"seed {POSES_SEED + seed}, as are their corners"),
         ("moves", len(design.moves), "", f"goals by seed {GOALS_SEED + seed}"),

@@ -224,24 +224,26 @@ def _kind(line: Requirement) -> str:
 
 
 def _figure(comparison: WorkspaceComparison) -> Any:
-    """Tracking errors of all moves, in ascending order."""
-    judged, lines, limit = comparison.own.judged, [], None
+    """Tracking errors of all moves, in ascending order; of joints that turn, and of those that slide."""
+    judged, panels = comparison.own.judged, list[Panel]()
     assert judged is not None
-    small, factor = units_in(judged).smallest
-    for k, row in enumerate(comparison.compared):
-        if row.judged is None:
-            continue
-        errors = [each["tracking_error"] for each in worst_motion((*row.judged.moves, *row.judged.sampled))]
-        values = factor * np.sort(np.array(errors, dtype=float))
-        values = values[np.isfinite(values)]
-        lines.append(
-            Line(100.0 * (np.arange(len(values)) + 1) / len(errors), values, row.name, line_style(k))
-        )
-        limit = row.worst(TRACKING) or limit
-    dashed = [] if limit is None else [(factor * limit.limit, INK, "allowed")]
-    panel = Panel("tracking error", small, lines, across="share of the moves (%)", dashed=dashed)
+    units, (small, scale) = units_in(judged), units_in(judged).small
+    limits = [line for row in comparison.compared if (line := row.worst(TRACKING)) is not None]
+    for unit, places in units.kinds(small).items():
+        factor, lines = units.factor_of(scale, units.joints[places[0]]), list[Line]()
+        for k, row in enumerate(comparison.compared):
+            if row.judged is None:
+                continue
+            moves = (*row.judged.moves, *row.judged.sampled)
+            errors = [each["tracking_error"] for each in worst_motion(moves, places)]
+            values = factor * np.sort(np.array(errors, dtype=float))
+            values = values[np.isfinite(values)]
+            share = 100.0 * (np.arange(len(values)) + 1) / len(errors)
+            lines.append(Line(share, values, None if panels else row.name, line_style(k)))
+        dashed = [(factor * line.limit, INK, None if panels else "allowed") for line in limits[-1:]]
+        panels.append(Panel("tracking error", unit, lines, across="share of the moves (%)", dashed=dashed))
     caption = "The largest error of each move, in ascending order: 80 % of moves have less than a curve has at 80 %."
-    return draw_figure("laws", [panel], caption, "Errors along the moves")
+    return draw_figure("laws", panels, caption, "Errors along the moves")
 
 
 def _arms(comparison: WorkspaceComparison) -> list[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -344,19 +345,20 @@ def range_of(design: WorkspaceEvidence) -> str:
     return "the stated box in space" if space.box is not None else where
 
 
-def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
-    """The worst joint of each move, by the keys of `COLUMNS`; NaN where a number does not exist, as a ripple without
-    limits of the motors."""
+def worst_motion(moves: Sequence[Move], places: Sequence[int] | None = None) -> list[dict[str, float]]:
+    """The worst joint of each move, of all or of those at some places, by the keys of `COLUMNS`; NaN where a number
+    does not exist, as a ripple without limits of the motors."""
     rows = []
     for move in moves:
         found = move.motion
-        rows.append({key: _largest([row.get(key) for row in found], bool(found)) for key in COLUMNS})
+        kept = found if places is None or not found else [found[k] for k in places]
+        rows.append({key: _largest([row.get(key) for row in kept], bool(found)) for key in COLUMNS})
     return rows
 
 
-def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, float]]:
-    """Those of `COLUMNS` that the robot has, small deviations in the units of the joints."""
-    small, limited = units_in(design).smallest, design.setup.limits.limits_effort
+def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, Any]]:
+    """Those of `COLUMNS` that the robot has: title, unit and factor, small deviations in the units of the joints."""
+    small, limited = units_in(design).small, design.setup.limits.limits_effort
     kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
     return {
         key: (title, unit, 1.0) if unit else (title, small[0], small[1])
@@ -397,7 +399,8 @@ def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
         units, joint = units_in(design), _worst_joint(moves, key)
         if " or " in unit:
             where = f"{joint}; {where}"
-        largest = number(factor * float(np.fmax.reduce(values)), 3)
+        scale = units.factor_of(factor, joint) if joint else 1.0
+        largest = number(scale * float(np.fmax.reduce(values)), 3)
         numbers.append(KeyNumber(title, largest, units.of(unit, joint), where))
     return numbers
 

@@ -45,6 +45,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.measured import Source, positions
 from flexhinf.loop.controller.options import Listed
 from flexhinf.loop.controller.status import Supervision
+from flexhinf.numerals import number_text
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.validation import real_array, value_text
@@ -125,17 +126,17 @@ class Governor(Listed):
         if self.coupling is not None:
             vars(self)["coupling"] = tuple(tuple(row) for row in real_array(self.coupling).tolist())
 
-    @property
-    def text(self) -> str:
-        """From how far on and how fast, for a summary."""
-        rows = ", ".join(f"{far:.3g} at {speed:.3g} per s" for far, speed in zip(self.distance, self.speed))
-        loose = (
-            ""
-            if self.resistance is None
-            else ", let go of what resists by "
-            + ", ".join(f"{most:.3g}" for most in self.resistance)
-            + " per s²"
+    def text_in(self, units: Sequence[str]) -> str:
+        """From how far on and how fast, for a summary; `units` are those of the commanded positions (k,)."""
+        speeds, accelerations = ([f"{unit}{per}" * bool(unit) for unit in units] for per in ("/s", "/s²"))
+        rows = ", ".join(
+            f"{number_text(far, unit, 3)} at {number_text(speed, per, 3)}"
+            for far, speed, unit, per in zip(self.distance, self.speed, units, speeds)
         )
+        most = ", ".join(
+            number_text(size, unit, 3) for size, unit in zip(self.resistance or (), accelerations)
+        )
+        loose = f", let go of what resists by {most}" if most else ""
         return f"joints farther from their command than {rows} at most{loose}"
 
     def places(

@@ -518,11 +518,13 @@ def controller_facts(c: Any) -> dict[str, str]:
         if zone is None
         else ", ".join(f"± {number_text(size, unit)}" for size, unit in zip(zone, tracked_units)),
         "reference": "moving" if mode.moving else "",
-        "dry friction": ", ".join(f"{f:.4g}" for f in c.dry_friction.level) if c.dry_friction else "",
-        "backlash": ", ".join(f"{gap:.4g}" for gap in c.backlash.width) if c.backlash else "",
-        "brought back": "" if c.governor is None else c.governor.text,
-        "workspace": "" if c.supervision is None else c.supervision.text,
-        "reactions": "" if c.supervision is None else c.supervision.reaction_text,
+        "dry friction": ", ".join(map(number_text, c.dry_friction.level, input_units))
+        if c.dry_friction
+        else "",
+        "backlash": ", ".join(map(number_text, c.backlash.width, tracked_units)) if c.backlash else "",
+        "brought back": "" if c.governor is None else c.governor.text_in(tracked_units),
+        "workspace": "" if c.supervision is None else c.supervision.box_text(tracked_units),
+        "reactions": "" if c.supervision is None else c.supervision.reactions_text(tracked_units),
         "estimated too": ", ".join(name for name in c.estimated if name not in c.states),
         "compensated": ", ".join(c.estimated[k] for k in mode.compensated),
         "offsets": f"decay with {c.offset_time:g} s" if mode.has_offset else "",

@@ -37,6 +37,7 @@ from flexhinf.codegen import gives
 from flexhinf.errors import refuse_if
 from flexhinf.loop.shared import BRAKING
 from flexhinf.notebook import StatedRepr
+from flexhinf.numerals import number, number_text
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.validation import checked_kind, checked_positive, one_of, real_array, real_number, value_text
 
@@ -85,6 +86,9 @@ REACTIONS = {
     "following": (("none", "hold", "brake"), ("none", "hold", "brake")),
     "blocked": (("none", "brake"), ("none", "brake")),
 }
+
+#: An end of a workspace nearer to 0 than this share of its width is written as 0.
+HIDDEN = 1e-4
 
 #: Fraction of half of an input's range that counts as its limit; the range over a swing where there is no limit.
 NEAR_LIMIT, UNLIMITED = 1e-3, 100.0
@@ -187,30 +191,26 @@ class Supervision(StatedRepr):
         }
         return {**asdict(self), "workspace": box, **sizes, "reactions": dict(self.reactions)}
 
-    @property
-    def text(self) -> str:
-        """The workspace, for a summary."""
-        ends = () if self.workspace is None else np.broadcast_arrays(*map(np.atleast_1d, self.workspace))
-        return (
-            ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends)) if len(ends) else "not stated"
-        )
+    def box_text(self, units: Sequence[str], factor: Any = 1.0) -> str:
+        """The workspace, for a summary; the commanded positions (k,), times a factor, are in these `units`."""
+        if self.workspace is None:
+            return "not stated"
+        low, high = (factor * _spread(end, len(units)) for end in self.workspace)
+        ends = [np.where(np.abs(end) < HIDDEN * (high - low), 0.0, end).tolist() for end in (low, high)]
+        return ", ".join(f"{number(a)} to {number_text(b, unit)}" for a, b, unit in zip(*ends, units))
 
-    @property
-    def reaction_text(self) -> str:
-        """The reactions, for a summary."""
+    def reactions_text(self, units: Sequence[str], factor: Any = 1.0) -> str:
+        """The reactions, for a summary; the commanded positions (k,), times a factor, are in these `units`."""
+        sizes = (factor * _spread(np.inf if self.following is None else self.following, len(units))).tolist()
+        beyond = " or ".join(dict.fromkeys(number_text(size, unit, 3) for size, unit in zip(sizes, units)))
         events = {
             "workspace": "a command leaves the workspace",
             "limit_cycle": "a signal swings to and fro at rest",
             "saturation": f"an input is at a limit for {self.saturation_time:g} s",
-            "following": f"a position is beyond {self._following_text} from its command",
+            "following": f"a position is beyond {beyond} from its command",
             "blocked": "something blocks a joint",
         }
         return ", ".join(f"{kind} where {events[e]}" for e, kind in self.reactions.items() if kind != "none")
-
-    @property
-    def _following_text(self) -> str:
-        sizes = np.atleast_1d(np.inf if self.following is None else self.following)
-        return " or ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
 
     def modes(self, moving: bool, governor: Any = None) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is

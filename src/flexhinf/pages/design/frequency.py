@@ -23,7 +23,7 @@ from flexhinf.pages.drawing import (
     count_text,
     draw_figure,
     in_joint,
-    joint_panel,
+    joint_panels,
     line_style,
     listed,
     note,
@@ -91,17 +91,19 @@ def margins(e: LawEvaluation) -> Blocks:
         run, names = e.step.run, ("link position", "link velocity", "motor position", "motor velocity")
         truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
         errors = [units.scale * part.T for part in np.split(truth - estimate, 4)]
+        parts = [
+            panel
+            for k, (name, error) in enumerate(zip(names, errors))
+            for panel in joint_panels(
+                units, name, units.rate if k % 2 else units.angle, run.time, error, linewidth=0.9
+            )
+        ]
         yield lambda: draw_figure(
             "estimate",
-            [
-                joint_panel(
-                    name, units.rate if k % 2 else units.angle, run.time, joints, error, linewidth=0.9
-                )
-                for k, (name, error) in enumerate(zip(names, errors))
-            ],
+            parts,
             "True minus estimated state of every joint in the step.",
             "Estimation error",
-            7.4,
+            1.85 * len(parts),
         )
 
 

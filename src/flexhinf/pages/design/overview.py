@@ -14,14 +14,14 @@ from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Move, Response
 from flexhinf.numerals import number
 from flexhinf.pages.arm_film import film_of
-from flexhinf.pages.design.step import arm_plane, input_panel, instants
+from flexhinf.pages.design.step import arm_plane, input_panels, instants
 from flexhinf.pages.drawing import (
     DOTTED,
-    Panel,
     Units,
     count_text,
     figure_block,
     in_joint,
+    joint_panels,
     line_style,
     thin,
     units_of,
@@ -43,6 +43,9 @@ from flexhinf.robot.kinematics import skeleton
 
 #: Height of the figures, inches: two of them side by side leave room for verdict and numbers on a screen.
 HEIGHT = 4.3
+
+#: Of what each panel takes of that height, where there are more than two.
+SHARE = 0.35
 
 #: Width and height of the panel in the picture of the arm, inches, beside names and numbers.
 PANEL = (5.0, 3.1)
@@ -70,7 +73,8 @@ def _step(e: LawEvaluation) -> Figure:
     several, moving = len(joints) > 1, np.flatnonzero(way)
     scale = 100.0 / np.where(way == 0.0, 1.0, way) if several else np.full(1, units.scale)
     origin = start if several else np.zeros(1)
-    figure, (upper, lower) = new_figure(2, height=HEIGHT)
+    inputs, _ = input_panels(e, response)
+    figure, (upper, *lower) = new_figure(1 + len(inputs), height=lead_height(1 + len(inputs)))
     ended = None if samples is None or not len(samples) else np.isfinite(samples.positions).all(axis=(1, 2))
     few = thin(time)
     for j in moving.tolist():
@@ -88,21 +92,16 @@ def _step(e: LawEvaluation) -> Figure:
     label(upper, "share of the way" if several else "link position", "%" if several else units.angle)
     legend(upper)
     _end_after_settling(upper, e)
-    panel, _ = input_panel(e, response)
-    plain: Any = [(value, color, None) for value, color, _ in panel.dashed]
-    Panel(
-        panel.quantity,
-        panel.unit,
-        [line._replace(name=None) for line in panel.lines],
-        (0.0,),
-        plain,
-        y=panel.y,
-    ).draw(lower)
+    for axes, panel in zip(lower, inputs):
+        plain: Any = [(value, color, None) for value, color, _ in panel.dashed]
+        lines = [line._replace(name=None) for line in panel.lines]
+        replace(panel, lines=lines, dotted=(0.0,), dashed=plain).draw(axes)
     robots = "" if ended is None else f" Band: all {int(ended.sum())} sampled robots that end the step."
+    dashed = " Dashed: limit." * any(panel.dashed for panel in inputs)
     return figure_block(
         "result",
         figure,
-        f"Link positions of the nominal robot (lines) and its inputs.{robots}{' Dashed: limit.' * bool(plain)}",
+        f"Link positions of the nominal robot (lines) and its inputs.{robots}{dashed}",
         "The step",
     )
 
@@ -168,38 +167,35 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
 @house_style()
 def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) -> list[Figure]:
     """The move with the largest remaining error beside the errors of all moves; and the arm during that move."""
-    figure, (upper, lower) = new_figure(2, height=HEIGHT)
-    small, factor = units.smallest
+    response, time, small = moves[worst].response, moves[worst].response.run.time, units.small[0]
+    plan, kinds = np.reshape(moves[worst].plan(time), (len(time), -1)), units.kinds(small)
+    parts = joint_panels(
+        units, "link position", units.angle, time, units.scale * response.positions, plan=units.scale * plan
+    )
+    figure, axes = new_figure(len(parts) + len(kinds), height=lead_height(len(parts) + len(kinds)))
+    for axis, part in zip(axes, parts):
+        part.draw(axis)
+    errors = axes[len(parts) :]
     for k, move in enumerate((*moves, moves[worst])):
-        response, time = move.response, move.response.run.time
-        plan = np.reshape(move.plan(time), (len(time), -1))
-        error, few = factor * np.abs(response.positions - plan).max(axis=1), thin(time)
+        few, error = _errors(move, units)
         last = k == len(moves)
         style = {
             "color": SERIES[0] if last else MUTED,
             "linewidth": 1.6 if last else 0.7,
             "alpha": 1.0 if last else 0.4,
         }
-        name = "the worst move" if last else None if k else f"all {count_text(len(moves), 'move')}"
-        lower.plot(time[few], error[few], label=name, **style)
-        if last:
-            for j, joint in enumerate(response.joints):
-                line = {**line_style(j), "label": joint if len(response.joints) > 1 else None}
-                upper.plot(
-                    time[few], units.factor_of(units.scale, joint) * response.positions[few, j], **line
-                )
-            dots = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
-            for j, angles in enumerate(units.scale * plan[few].T):
-                upper.plot(time[few], angles, label=None if j else "plan", **dots)
-    label(upper, "link position", units.angle)
-    label(lower, "largest error", small)
-    lower.set_ylim(bottom=0.0)
+        for j, (axis, places) in enumerate(zip(errors, kinds.values())):
+            name = "the worst move" if last else None if k else f"all {count_text(len(moves), 'move')}"
+            axis.plot(few, error[:, places].max(axis=1), label=None if j else name, **style)
+    for axis, unit in zip(errors, kinds):
+        label(axis, "largest error", unit)
+        axis.set_ylim(bottom=0.0)
     ends = [float(move.response.run.time[-1]) for move in moves]
     length = SEEN_MOVES * ends[worst]  # a longer move would leave the worst one a sliver of the picture
-    upper.set_xlim(0.0, min(length, max(ends)))
+    axes[0].set_xlim(0.0, min(length, max(ends)))
     longer = sum(end > length for end in ends)
-    for axes in (upper, lower):
-        legend(axes)
+    for axis in (axes[0], errors[0]):
+        legend(axis)
     block = figure_block(
         "result",
         figure,
@@ -209,6 +205,19 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
     )
     arm = arm_picture(robot, moves[worst].response, "The arm in that move. ")
     return [block] if arm is None else [block, arm]
+
+
+def lead_height(rows: int) -> float:
+    """Height of a figure of so many panels on the first screen, inches."""
+    return HEIGHT * max(1.0, SHARE * rows)
+
+
+def _errors(move: Move, units: Units) -> tuple[np.ndarray, np.ndarray]:
+    """Some times (N,) of a move, and the distances (N, n) of the links from its plan there, small deviations."""
+    time = move.response.run.time
+    few = thin(time)
+    plan = np.reshape(move.plan(time[few]), (len(time[few]), -1))
+    return time[few], units.small[1] * np.abs(move.response.positions[few] - plan)
 
 
 # Results in a few words ---------------------------------------------------------------------------------

@@ -20,20 +20,22 @@ from flexhinf.design.checks import (
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.problem.presets import preset_of
-from flexhinf.design.responses import LoadResponse
+from flexhinf.design.responses import LoadResponse, Move
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, tail_of
 from flexhinf.loop.simulation.ring_down import VISIBLE
 from flexhinf.numerals import number
-from flexhinf.pages.design.step import input_panel, motion_table, peak_text, stiffness_of
+from flexhinf.pages.design.step import input_panels, motion_table, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
+    ROW,
     Blocks,
     Line,
     Panel,
     draw_figure,
     in_joint,
     joint_panel,
+    joint_panels,
     joint_table,
     listed,
     note,
@@ -97,15 +99,14 @@ def load(design: PoseEvidence) -> Blocks:
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
-    response, (unit, scale) = loaded.response, units_of(e).small
+    response, units = loaded.response, units_of(e)
+    (unit, scale), inputs = units.small, input_panels(e, response)[0]
     away, time = scale * (response.positions - response.goal), response.run.time
     return draw_figure(
         name,
         (
-            joint_panel(
-                "link position − goal", unit, time, response.joints, away, zero=True, vertical=loaded.at
-            ),
-            replace(input_panel(e, response)[0], vertical=loaded.at),
+            *joint_panels(units, "link position − goal", unit, time, away, zero=True, vertical=loaded.at),
+            *(replace(panel, vertical=loaded.at) for panel in inputs),
         ),
         caption,
         title,
@@ -253,23 +254,8 @@ def move(design: PoseEvidence) -> Blocks:
         f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
     )
 
-    time, away, plan = response.run.time, response.positions - origin, planned.planned - origin
     yield from (
-        lambda: draw_figure(
-            "move",
-            (
-                joint_panel(
-                    quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan
-                ),
-                joint_panel(
-                    "link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True
-                ),
-                input_panel(e, response)[0],
-            ),
-            "Link positions and the plan (dotted), their difference, and the inputs.",
-            "The move",
-            6.6,
-        ),
+        lambda: _plan_figure(e, planned, quantity, origin),
         joint_table(
             units,
             (
@@ -291,6 +277,20 @@ def move(design: PoseEvidence) -> Blocks:
         ),
         motion_table(e, e.move.motion, "table-move-motion"),
     )
+
+
+def _plan_figure(e: LawEvaluation, planned: Move, quantity: str, origin: Any) -> Figure:
+    """Link positions less `origin`, their distance from the plan, and inputs."""
+    response, units = planned.response, units_of(e)
+    (unit, scale), time = units.small, response.run.time
+    away, plan = units.scale * (response.positions - origin), units.scale * (planned.planned - origin)
+    parts = (
+        *joint_panels(units, quantity, units.angle, time, away, plan=plan),
+        *joint_panels(units, "link position − plan", unit, time, scale * planned.error, zero=True),
+        *input_panels(e, response)[0],
+    )
+    caption = "Link positions and the plan (dotted), their difference, and the inputs."
+    return draw_figure("move", parts, caption, "The move", ROW * len(parts))
 
 
 def margins_along(design: PoseEvidence) -> Blocks:
@@ -543,8 +543,8 @@ def _long_run_figure(design: PoseEvidence, run: LimitCycleCheck) -> Figure:
     return draw_figure(
         "rest",
         (
-            joint_panel("link position − goal", unit, few, joints, deviation, zero=True, **limit),
-            joint_panel("input", units.effort, few, joints, _extremes(time, inputs)[1]),
+            *joint_panels(units, "link position − goal", unit, few, deviation, zero=True, **limit),
+            *joint_panels(units, "input", units.effort, few, _extremes(time, inputs)[1]),
         ),
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement "
         f"noise.{friction} An amplitude beyond {units.small_text(run.limit, 3)} is a limit cycle.",

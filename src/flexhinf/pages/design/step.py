@@ -16,6 +16,7 @@ from flexhinf.design.specification import ESTIMATED_BY
 from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     DASHED,
+    ROW,
     Blocks,
     Line,
     Panel,
@@ -24,7 +25,7 @@ from flexhinf.pages.drawing import (
     draw_figure,
     figure_block,
     in_joint,
-    joint_panel,
+    joint_panels,
     joint_table,
     left_out_notes,
     legend_above,
@@ -183,8 +184,9 @@ def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
     return stiffness_of(e.setup.model, e.setup.robot, 0.0) * (theta - layout.at_motors(q)).T
 
 
-def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
-    """Inputs of a run, with the tighter of the required peak and the saturation; and the name of that limit."""
+def input_panels(e: LawEvaluation, response: Response) -> tuple[list[Panel], str]:
+    """Inputs of a run, a panel for each unit, with the tighter of the required peak and the saturation; and the name of
+    that limit."""
     limits, units, name = e.setup.limits, units_of(e), ""
     if limits.limits_effort:
         required = bool(np.all(limits.peak <= limits.saturation))
@@ -194,41 +196,35 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
         )
         name = f"{name} {units.effort_text(limits.effort)}"
     lines = {"limits": limits.effort, "limit_name": name} if name else {}
-    return joint_panel(
-        "input", units.effort, response.run.time, response.joints, response.inputs, **lines
-    ), name
+    return joint_panels(units, "input", units.effort, response.run.time, response.inputs, **lines), name
 
 
 def _step_figure(e: LawEvaluation, units: Units) -> Figure:
-    response, command, s, joints = e.step, e.setup.command, e.setup.specification, e.setup.joints
-    time, goal, (inputs, limit) = response.run.time, response.goal, input_panel(e, response)
+    response, command, s = e.step, e.setup.command, e.setup.specification
+    time, goal, (inputs, limit) = response.run.time, response.goal, input_panels(e, response)
     fed = ESTIMATED_BY[s.estimator]
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
-    bound = f" (dashed: {limit})" if inputs.dashed else f" ({limit}, beyond the panel)" if limit else ""
+    near = any(panel.dashed for panel in inputs)
+    bound = f" (dashed: {limit})" if near else f" ({limit}, beyond the panel)" if limit else ""
+    away = joint_panels(
+        units, "link position − goal", units.angle, time, units.scale * (response.positions - goal),
+        zero=True,
+        plan=None if command is None else units.scale * (command(time) - goal),
+        plan_name="command",
+        min_span=0.1 * units.scale * np.abs(goal - response.start),
+    )  # fmt: skip
+    springs = joint_panels(
+        units, "spring torque", units.spring, time, spring_torques(e, response), min_span=0.0
+    )
+    parts = (*away, *springs, *inputs)
     return draw_figure(
         "step",
-        (
-            joint_panel(
-                "link position − goal",
-                units.angle,
-                time,
-                joints,
-                units.scale * (response.positions - goal),
-                zero=True,
-                plan=None if command is None else units.scale * (command(time) - goal),
-                plan_name="command",
-                min_span=0.1 * float((units.scale * np.abs(goal - response.start)).max(initial=0.0)),
-            ),
-            joint_panel(
-                "spring torque", units.spring, time, joints, spring_torques(e, response), min_span=0.0
-            ),
-            inputs,
-        ),
+        parts,
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
         f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
         "Step response",
-        6.6,
+        ROW * len(parts),
     )
 
 
