@@ -38,6 +38,22 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
     assert unnamed(page, "shoulder", 'id="figure-robot"', "height (m)") == []
 
 
+def test_of_several_arms_one_is_named_as_a_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    second = URDF.split("</robot>")[0].split('<link name="base"/>')[1].replace("upper", "other")
+    two = URDF.replace("</robot>", second.replace("shoulder", "second") + "</robot>").replace("0.03", "0.02")
+    Path("two.urdf").write_text(two, encoding="utf-8")
+    assert main(["check", "two.urdf"]) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert unnamed(said, "2 branches", "'second'") == []
+    command = said.split("for one alone: flexhinf ")[1].split(".urdf")
+    options = command[1].split(".")[0].split()
+    assert main([*f"{command[0]}.urdf".split(), *options]) == 0  # the advice, followed
+    assert load_robot("two.toml").joint_names == ("shoulder",)
+    assert "branches" not in capsys.readouterr().err
+    assert main(["init", "two.urdf", "--force"]) == 0
+    assert "branches" in capsys.readouterr().err
+
+
 def test_a_robot_that_is_right_ends_with_0(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "planar-two-link"]) == 0
     assert "doubt" not in capsys.readouterr().out

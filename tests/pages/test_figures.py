@@ -18,7 +18,7 @@ from flexhinf.pages import campaign, certificate, comparison_figures
 from flexhinf.pages.design.frequency import Loop, _lines, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
-from flexhinf.pages.drawing import framed, joint_panel, thin
+from flexhinf.pages.drawing import Units, framed, joint_panel, joint_panels, thin
 from flexhinf.report import new_figure
 
 Make = Callable[[str], PoseEvidence]
@@ -251,3 +251,26 @@ def test_arms_of_a_campaign_are_drawn_where_both_runs_are_finite(monkeypatch: py
             table=SimpleNamespace(journal=SimpleNamespace(folder="runs")),
         )
         assert len(campaign._arms(judged)) == count
+
+
+def test_joints_that_turn_and_slide_have_panels_of_their_own() -> None:
+    robot = fh.load_robot("scara")  # the third joint slides
+    units, time = Units(robot.plant(), robot.joint_names, True), np.arange(2.0)
+    values = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 2.0, 0.1, 3.0]])
+    turns, slides = joint_panels(
+        units, "link", units.angle, time, units.scale * values, limits=np.full(4, 0.1), limit_name="most",
+        min_span=np.array([0.0, 0.0, 4.0, 0.0]),
+    )  # fmt: skip
+    assert (turns.unit, slides.unit) == ("°", "m")
+    assert [line.name for line in turns.lines] == list(robot.joint_names)  # the legend has all of them
+    assert [len(line.x) for line in turns.lines] == [2, 2, 0, 2]
+    (line,) = slides.lines
+    assert line.y.tolist() == [0.0, 0.1]
+    assert line.style["color"] == turns.lines[2].style["color"]
+    assert slides.y is not None
+    assert slides.y[1] - slides.y[0] == pytest.approx(4.0)
+    assert [name for _, _, name in slides.dashed] == [None]
+    (alone,) = joint_panels(units, "input", "% of the limit", time, values)
+    assert [len(line.x) for line in alone.lines] == [2, 2, 2, 2]
+    assert units.each_text([4.0, 4.0, 1.0, np.inf], units.speed, "±").endswith("quill ±1 m/s, wrist none")
+    assert units.each_text(2.0, "%") == "2 %"

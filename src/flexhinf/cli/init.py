@@ -26,7 +26,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     Then: flexhinf check arm.toml, and flexhinf design arm.toml.
     """
     from flexhinf.robot.drive_text import loop_options
-    from flexhinf.robot.init_file import description_of, drive_of, gears_named, robot_file_text
+    from flexhinf.robot.init_file import branches_text, description_of, drive_of, gears_named, robot_file_text
     from flexhinf.robot.template import template_text
 
     refuse_if(
@@ -66,6 +66,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
             changes.append(
                 f"{names} rigid: as estimated the springs vibrate faster than samples of 1 ms show"
             )
+        changes += filter(None, [branches_text(arm, path)])
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     for change in changes:

@@ -266,6 +266,18 @@ class Tree:
         )
 
     @cached_property
+    def branches(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the joints from the world to each tip: one branch for a chain."""
+        found = []
+        for place in (i for i in range(len(self)) if i not in self.parents):
+            branch = list[str]()
+            while place >= 0:
+                branch.insert(0, self.names[place])
+                place = self.parents[place]
+            found.append(tuple(branch))
+        return tuple(found)
+
+    @cached_property
     def aligned(self) -> tuple[Placement, ...]:
         """Place of each aligned frame at position zero, in its parent's aligned frame."""
         places = []

@@ -18,7 +18,7 @@ from flexhinf.robot.elastic import DRIVES, DRY, EXTRAS, INNER, stated_curve, tor
 from flexhinf.robot.estimates import has_placeholder_effort, largest_weight
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
-from flexhinf.robot.init_file import description_of
+from flexhinf.robot.init_file import branches_text, description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.robot_file import load_robot
@@ -142,6 +142,8 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
         return
     if faults:
         result.add("note", "A robot file gets round these faults.", advice=f"flexhinf init {path.name}")
+    if branches := branches_text(arm, path):
+        result.add("note", f"{branches}.")
     for change in found.changes:
         result.add("note", f"`flexhinf init` changes what the file says: {change}.")
     idle = [joint.name for joint, effort in zip(arm.joints, arm.efforts) if not np.isfinite(effort)]

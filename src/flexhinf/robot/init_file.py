@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.actuators import gear_advice, gear_name, published_gears, published_joints
 from flexhinf.robot.drive_text import ELECTRICAL, LOOPS, DriveLines, drive_lines, electrical_lines
-from flexhinf.robot.dynamics import KINDS
+from flexhinf.robot.dynamics import KINDS, Tree
 from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
 from flexhinf.robot.mjcf import read_mjcf
@@ -131,6 +131,19 @@ def _error(fault: PartFault) -> InvalidInput:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names))
+
+
+def branches_text(arm: RigidArm, path: Path) -> str:
+    """That the joints form several branches, such as two arms, and how one is taken alone; "" for a chain."""
+    branches = Tree(tuple(arm.joints)).branches
+    if len(branches) < 2:
+        return ""
+    ends = _listed([branch[-1] for branch in branches])
+    alone = " ".join(f"--move {name}" for name in max(branches, key=len))
+    return (
+        f"{len(arm.joints)} joints form {len(branches)} branches, which end with {ends}, and a design moves all; "
+        f"for one alone: flexhinf init {path.name} {alone}"
+    )
 
 
 def drive_of(arm: RigidArm, wanted: str | None) -> str:
