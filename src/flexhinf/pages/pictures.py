@@ -47,6 +47,7 @@ def robot_picture(robot: Robot) -> Figure | None:
         axes.plot(*(line @ view).T, color=SERIES[0], linewidth=3.2)
     joints = np.array([line[0] for line in lines]) @ view
     axes.plot(*joints.T, "o", color=INK, markersize=4.5)
+    numbered, numbers = len(robot.joint_names) > len(SERIES) - 1, []  # more joints than colours
     for k, (joint, own) in enumerate(zip(robot.joint_names, lines)):
         ends = ((own[-1] @ view, moved[k][k][-1] @ view), (lines[-1][-1] @ view, moved[k][-1][-1] @ view))
         seen_ends = (pair for pair in ends if float(np.linalg.norm(pair[1] - pair[0])) > 1e-3 * size)
@@ -56,7 +57,13 @@ def robot_picture(robot: Robot) -> Figure | None:
         colour = SERIES[1 + k % (len(SERIES) - 1)]
         arrow = {"arrowstyle": "-|>", "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0, "color": colour}
         axes.annotate("", end, begin, arrowprops=arrow)
-        axes.plot([], [], label=joint, linewidth=2.0, color=colour)
+        if numbered:
+            near = sum(float(np.linalg.norm(end - other)) < 0.03 * size for other in numbers)
+            numbers.append(end)
+            axes.annotate(
+                str(k + 1), end, (10.0 + 12.0 * near, 7.0), textcoords="offset points", color=colour
+            )
+        axes.plot([], [], label=f"{k + 1} {joint}" if numbered else joint, linewidth=2.0, color=colour)
     axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.6, zorder=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set_xlabel(f"{names[0]} (m)")

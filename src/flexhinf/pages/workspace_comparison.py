@@ -125,12 +125,16 @@ def _degrees(comparison: WorkspaceComparison) -> bool:
     return judged is not None and units_in(judged).degrees
 
 
-def _cell(line: Requirement | None, degrees: bool) -> Cell | str:
-    """What was found, marked where it is missed; of a law for which there is no such requirement, a dash."""
+def _cell(line: Requirement | None, degrees: bool, unit: str = "", limited: bool = False) -> Cell | str:
+    """What was found, marked where it is missed; of a law for which there is no such requirement, a dash. It has its
+    unit where that is not `unit`; `limited`: its joint and limit too, as those of other laws differ."""
     if line is None:
         return "–"
     line = line.converted(degrees)
-    text = "diverges" if np.isinf(line.found) else number(without_noise(line.found, line.limit), 3)
+    alone = not limited and (not unit or line.unit == unit) and np.isfinite(line.found)
+    text = number(without_noise(line.found, line.limit), 3) if alone else line.value_text
+    if limited:
+        text = f"{text} ({', '.join(filter(None, (line.joint, line.limit_text)))})"
     return Cell(f"{text} ✗", "red") if line.missed else text
 
 
@@ -154,7 +158,7 @@ def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
             verdict = f"{len(row.missed)} missed: {worst.what} {worst.value_text}, {worst.limit_text}"
         measured = () if row.judged is None else row.judged.specification.measured
         speed = "–" if row.bandwidth is None else number(row.bandwidth, 3)
-        errors = [_cell(row.worst(what), degrees) for what in heads]
+        errors = [_cell(row.worst(what), degrees, units[what]) for what in heads]
         if brief:
             rows.append((row.name, speed, *errors, verdict))
             continue
@@ -207,9 +211,10 @@ def _requirement_rows(comparison: WorkspaceComparison) -> Table:
     keys = dict.fromkeys(key for lines in known for key in lines)
     rows = []
     for key in keys:
-        first = next(lines[key] for lines in known if key in lines).converted(degrees)
-        name = f"{key[0]}, {key[1]}" if key[1] else key[0]
-        rows.append((name, first.limit_text, *(_cell(lines.get(key), degrees) for lines in known)))
+        limits = dict.fromkeys(lines[key].converted(degrees).limit_text for lines in known if key in lines)
+        name, unlike = f"{key[0]}, {key[1]}" if key[1] else key[0], len(limits) > 1
+        required = "of each joint" if unlike else next(iter(limits))
+        rows.append((name, required, *(_cell(lines.get(key), degrees, "", unlike) for lines in known)))
     return Table(
         ("requirement", "required", *(Column(row.name, right=True) for row in laws)),
         rows,
