@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,11 @@ import pytest
 from tests.refusals import unnamed
 
 import flexhinf as fh
+from flexhinf.campaign.batches import PART
 from flexhinf.design import PoseEvidence
+from flexhinf.loop import Supervision
+from flexhinf.loop.controller.governor import Governor
+from flexhinf.pages.campaign_numbers import column_scale, unlike_parts, value_in
 from flexhinf.pages.campaign_parts import few_ticks, small_panels
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
@@ -157,3 +162,34 @@ def test_numbers_beside_a_small_panel_do_not_touch(ends: tuple[float, float]) ->
     boxes = [mark.get_window_extent() for mark in marks]
     assert len(boxes) > 1
     assert all(one.x1 + 2.0 < other.x0 for one, other in pairwise(boxes))
+
+
+def test_a_number_of_unlike_joints_has_the_unit_of_its_joint() -> None:
+    columns = {
+        "error": [2e-3, 5e-2],
+        "error_slide": [1e-3, 5e-2],
+        "error_turn": [2e-3, 1e-2],
+        "time": [1.0, 2.0],
+    }
+    units = {"error": "", "error_slide": "m", "error_turn": "rad", "time": "s"}
+    kinds = {PART: ("error_slide", "error_turn"), "trace": ()}
+    table = SimpleNamespace(names=kinds.get, unit=units.get, journal=SimpleNamespace(settings={}))
+    judged: Any = SimpleNamespace(table=table, column=lambda name: np.array(columns[name]))
+    assert unlike_parts(judged, "error") == ["error_slide", "error_turn"]
+    assert value_in(judged, "error", 2e-3) == (2.0, "mrad")
+    assert value_in(judged, "error", 5e-2) == (50.0, "mm")
+    assert value_in(judged, "time", 2.0) == (2.0, "s")
+    assert column_scale(judged, "error_turn") == (pytest.approx(1e3), "mrad")
+
+
+def test_what_a_controller_says_of_joints_that_slide_has_their_units() -> None:
+    watch = Supervision(
+        (np.array([-1.0, -1e-6]), np.array([1.0, 0.2])),
+        following=[0.1, 0.02],
+        reactions={"following": "brake"},
+    )
+    assert watch.box_text(("rad", "m")) == "−1 to 1 rad, 0 to 0.2 m"
+    assert unnamed(watch.reactions_text(("rad", "m")), "0.1 rad or 0.02 m") == []
+    governor = Governor([0.1, 0.02], [2.0, 0.5], [3.0, 1.0], [-1.0, 0.0], [1.0, 0.2], resistance=[4.0, 5.0])
+    said = governor.text_in(("rad", "m"))
+    assert unnamed(said, "0.1 rad at 2 rad/s", "0.02 m at 0.5 m/s", "4 rad/s², 5 m/s²") == []

@@ -29,19 +29,21 @@ from flexhinf.design.campaign_folder import (
 )
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
-from flexhinf.numerals import number, short_numbers
+from flexhinf.numerals import number, number_text, short_numbers
 from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.campaign_numbers import (
     METRIC_LABELS,
     NO_LIMIT,
+    column_scale,
     display_scale,
     in_degrees,
     interval_text,
     limit_text,
     metric_text,
     percent_text,
-    readable,
     setting_rows,
+    unlike_parts,
+    value_in,
     value_text,
 )
 from flexhinf.pages.campaign_parts import (
@@ -177,13 +179,13 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         KeyNumber("success", percent_text(judged.rate), note=how),
         KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
     ]
-    degrees = in_degrees(judged)
     for name in [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]:
-        worst, unit = judged.worst(name), judged.table.unit(name)
+        worst = judged.worst(name)
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
-            value = ("never", "") if np.isinf(largest) else readable(largest, unit, degrees)
-            note = f"median {value_text(float(median), unit, degrees)}; sample {worst}"
+            value = ("never", "") if np.isinf(largest) else value_in(judged, name, float(largest))
+            middle = "never" if np.isinf(median) else number_text(*value_in(judged, name, float(median)), 3)
+            note = f"median {middle}; sample {worst}"
             numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
     return numbers
 
@@ -240,7 +242,7 @@ def _success(judged: CampaignJudgement) -> list[Any]:
         else f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate "
         "is known from this campaign alone (`--method random` has one)."
     )
-    rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
+    rows = [(*row, unbroken(percent_text(1.0 - row[-1] / judged.count))) for row in kept]
     return [
         Paragraph(
             "A sample is a success if its run reaches its end, is stable there, and keeps every requirement of this "
@@ -495,29 +497,31 @@ def _arms(judged: CampaignJudgement) -> list[Any]:
 
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:
-    blocks, degrees = list[Any](), in_degrees(judged)
+    blocks = list[Any]()
     for kind, title, anchor in (
         ("metric", "Metrics over all samples that have them", "table-metrics"),
         (PART, "Joint by joint", "table-joints"),
     ):
-        names = [name for name in judged.table.names(kind) if judged.worst(name) is not None]
+        known = [name for name in judged.table.names(kind) if judged.worst(name) is not None]
+        names = [name for name in known if not unlike_parts(judged, name)]  # those stand joint by joint
+        scales = {name: column_scale(judged, name) for name in names}
         table = Table(
             ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst"),
             [
                 (
-                    metric_text(name), display_scale(judged.table.unit(name), degrees)[1],
+                    metric_text(name), scales[name][1],
                     *(
-                        "never" if np.isinf(x)
-                        else number(display_scale(judged.table.unit(name), degrees)[0] * float(x), 3)
+                        "never" if np.isinf(x) else number(scales[name][0] * float(x), 3)
                         for x in judged.quantiles(name)
                     ),
                     judged.worst(name),
                 )
                 for name in names
             ],
-            title, anchor,
+            title, anchor, stacks=True,
         )  # fmt: skip
-        blocks += [*(_histograms(judged, names) if kind == "metric" else []), *([table] if names else [])]
+        columns = [part for name in known for part in unlike_parts(judged, name) or [name]]
+        blocks += [*(_histograms(judged, columns) if kind == "metric" else []), *([table] if names else [])]
     return blocks
 
 
@@ -528,7 +532,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
         return []
     figure, axes = small_panels(len(varied), 1.9)
     for k, (axis, (name, raw)) in enumerate(zip(axes, varied.items())):
-        factor, unit = display_scale(judged.table.unit(name), in_degrees(judged))
+        factor, unit = column_scale(judged, name)
         values, most = factor * raw, factor * np.abs(raw).max()
         histogram(axis, judged, name, unit, values, "samples" if k % 3 == 0 else "")
         few_ticks(axis, most, "x")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, Interval, Requirement
+from flexhinf.campaign.batches import PART
 from flexhinf.numerals import number, number_text
 from flexhinf.robot.signals import UNITS
 
@@ -70,7 +72,7 @@ def setting_rows(judged: CampaignJudgement) -> Iterator[tuple[str, object, str]]
     """Settings of a campaign for its page: name, value and unit. Digests are in campaign.json."""
     settings, degrees, table = judged.table.journal.settings, in_degrees(judged), judged.table
     for name, value in settings.items():
-        if name in DIGESTS:
+        if name in DIGESTS or not value:
             continue
         if name in ("start", "goal", "design pose") and value.startswith("["):
             units = list(dict.fromkeys(map(table.unit, table.names("trace"))))
@@ -84,7 +86,8 @@ def setting_rows(judged: CampaignJudgement) -> Iterator[tuple[str, object, str]]
             slides = dict.fromkeys(table.unit(each) == "m" for each in table.names("trace"))
             yield name, value, ", ".join(dict.fromkeys(UNITS[k][s] for k in kinds if k for s in slides))
         else:
-            yield name, value, "s" if name in ("duration", "period") else ""
+            text = ", ".join(re.findall(r"'([^']*)'", value)) if value.startswith("['") else value
+            yield name, text, "s" if name in ("duration", "period") else ""
 
 
 def display_scale(unit: str, degrees: bool) -> tuple[float, str]:
@@ -104,6 +107,29 @@ def readable(value: float, unit: str, degrees: bool = False) -> tuple[float, str
     scale, unit = display_scale(unit, degrees)
     value *= scale
     return (1e3 * value, f"m{unit}") if unit in ("rad", "m") and 0.0 < abs(value) < SMALL else (value, unit)
+
+
+def unlike_parts(judged: CampaignJudgement, name: str) -> list[str]:
+    """The metrics of single joints of which a metric is the largest, where their units differ; none of any other."""
+    parts = [part for part in judged.table.names(PART) if part.startswith(f"{name}_")]
+    return parts if len({judged.table.unit(part) for part in parts}) > 1 else []
+
+
+def value_in(judged: CampaignJudgement, name: str, value: float) -> tuple[float, str]:
+    """A value of a metric and its unit, for reading; where joints have unlike units, that of the joint that has it."""
+    unit, column = judged.table.unit(name), judged.column(name)
+    if parts := unlike_parts(judged, name):
+        sample = int(np.nanargmin(np.abs(column - value)))
+        unit = judged.table.unit(min(parts, key=lambda part: abs(judged.column(part)[sample] - value)))
+    return readable(value, unit, in_degrees(judged))
+
+
+def column_scale(judged: CampaignJudgement, name: str) -> tuple[float, str]:
+    """Factor and unit in which all values of a metric are shown, by the largest."""
+    values = np.abs(judged.column(name))
+    largest = float(values[np.isfinite(values)].max(initial=0.0))
+    scaled, unit = readable(largest, judged.table.unit(name), in_degrees(judged))
+    return (scaled / largest if largest else 1.0), unit
 
 
 def limit_text(requirement: Requirement, unit: str, degrees: bool = False) -> str:

@@ -27,7 +27,7 @@ from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow, verdic
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
-from flexhinf.numerals import number, short_numbers
+from flexhinf.numerals import number, number_text, short_numbers
 from flexhinf.pages.campaign_numbers import (
     display_scale,
     in_degrees,
@@ -36,6 +36,7 @@ from flexhinf.pages.campaign_numbers import (
     metric_text,
     percent_text,
     setting_rows,
+    value_in,
     value_text,
 )
 from flexhinf.pages.design.step import histogram_bins
@@ -138,8 +139,8 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     )
     if (worst := judged.worst_of_all) is None:
         return f"{text}."
-    size, unit = float(judged.column(judged.main)[worst]), judged.table.unit(judged.main)
-    value = value_text(size, unit, in_degrees(judged))
+    size, unit = value_in(judged, judged.main, float(judged.column(judged.main)[worst]))
+    value = "never" if np.isinf(size) else number_text(size, unit, 3)
     return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
 
 

@@ -349,8 +349,8 @@ def _frequency(comparison: Comparison) -> list[Any]:
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
     loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in always + others]
     assert comparison.own.evaluation is not None
-    compliance = units_of(comparison.own.evaluation).compliance
-    return frequency_figures(loops, comparison.robot.joint_names, compliance)
+    units, joints = units_of(comparison.own.evaluation), comparison.robot.joint_names
+    return frequency_figures(loops, joints, [units.of(units.compliance, joint) for joint in joints])
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:

@@ -176,26 +176,26 @@ def joint_panel(
     min_span: float | None = None,
     linewidth: float = 1.5,
     vertical: float | None = None,
-    drawn: Sequence[int] | None = None,
+    places: Sequence[int] | None = None,
 ) -> Panel:
     """Panel of signals (N, n) over time (N,), a line for each joint, with a dotted plan (N, n), and limits ± (n,),
     dashed where a signal comes near (a far one would leave the values flat). The axis shows `min_span` at least.
 
-    `drawn`: places of the joints that are drawn, by default all; of others only the legend has the line."""
-    few, bounds, y, shown = thin(time), dict[float, str](), None, list(drawn or range(len(joints)))
-    own, away = values[:, shown], np.empty(0)
+    `places`: of the joints that are drawn, by default all; of others only the legend has the line."""
+    few, bounds, y, kept = thin(time), dict[float, str](), None, list(places or range(len(joints)))
+    own, away = values[:, kept], np.empty(0)
     lines = [
-        Line(*((time[few], values[few, k]) if k in shown else (away, away)), name,
+        Line(*((time[few], values[few, k]) if k in kept else (away, away)), name,
              {**line_style(k), "linewidth": linewidth})
         for k, name in enumerate(joints if len(joints) > 1 or plan is None else ["link"])
     ]  # fmt: skip
     if plan is not None:
         style = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
         lines += [
-            Line(time[few], x, None if k else plan_name, style) for k, x in enumerate(plan[few][:, shown].T)
+            Line(time[few], x, None if k else plan_name, style) for k, x in enumerate(plan[few][:, kept].T)
         ]
     if limits is not None:
-        for joint in (k for k in shown if np.isfinite(limits[k])):
+        for joint in (k for k in kept if np.isfinite(limits[k])):
             limit, (low, high) = float(limits[joint]), framed(values[:, joint])
             color = INK if len(set(limits.tolist())) == 1 else line_style(joint)["color"]
             for side, size in ((limit, high), (-limit, -low)):
@@ -218,7 +218,7 @@ def joint_panels(
     spans, parts = options.pop("min_span", None), list[Panel]()
     for own, places in units.kinds(unit).items():
         span = None if spans is None else float(np.broadcast_to(spans, len(units.joints))[places].max())
-        part = joint_panel(quantity, own, time, units.joints, values, drawn=places, min_span=span, **options)
+        part = joint_panel(quantity, own, time, units.joints, values, places=places, min_span=span, **options)
         if parts:  # all lines are named above the first
             part = replace(
                 part,

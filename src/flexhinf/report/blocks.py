@@ -494,20 +494,26 @@ class Settings(Block):
 
     groups: Mapping[str, Sequence[Setting]]
 
+    @property
+    def noted(self) -> bool:
+        """Whether any says where it is from."""
+        return any(row.note for group in self.groups.values() for row in group)
+
     def html(self) -> str:
         """The settings as HTML: a table for each group."""
-        parts = ""
+        parts, noted = "", self.noted
+        last = '<th scope="col">From</th>' * noted
         for name, group in self.groups.items():
             rows = ""
             for row in group:
                 value, note = (prose(short_numbers(text)) for text in (scalar(row.value), row.note))
                 rows += (
                     f'<tr><th scope="row">{prose(row.name)}</th><td>{value}{unit_html(row.unit)}</td>'
-                    f"<td>{note}</td></tr>"
+                    f"{f'<td>{note}</td>' * noted}</tr>"
                 )
             parts += (
                 f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>'
-                '<th scope="col">Setting</th><th scope="col">Value</th><th scope="col">From</th></tr></thead>'
+                f'<th scope="col">Setting</th><th scope="col">Value</th>{last}</tr></thead>'
                 f"<tbody>{rows}</tbody></table></div>"
             )
         return parts

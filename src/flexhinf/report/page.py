@@ -309,7 +309,7 @@ class Page:
         # Paper is light: the dark colours are for screens only.
         screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
         count, last = sum(map(len, self.settings.groups.values())), "About this page"
-        brief = f"all {count}, and who states them"
+        brief = f"all {count}{', and who states them' * self.settings.noted}"
         sections = (
             *self.sections,
             *([Section("Settings", (self.settings,), "settings", group=last, brief=brief)] if count else []),

@@ -81,7 +81,7 @@ def margins(e: LawEvaluation) -> Blocks:
     yield from (
         Paragraph(text),
         margin_table(e),
-        lambda: _bode(loops, joints, units.compliance),
+        lambda: _bode(loops, joints, [units.of(units.compliance, joint) for joint in joints]),
         lambda: _sensitivity(loops),
         lambda: _nyquist(loops, joints),
     )
@@ -251,32 +251,39 @@ class Loop(NamedTuple):
     style: int = 0
 
 
-def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], compliance: str) -> list[Figure]:
+def frequency_figures(
+    loops: Sequence[Loop], joints: Sequence[str], compliance: Sequence[str]
+) -> list[Figure]:
     """Bode, sensitivity and Nyquist diagram of one loop, a line for each joint; or of several, a line for each, of the
-    joint that a torque on its link moves most. `compliance`: unit of a link position over a torque on it."""
+    joint that a torque on its link moves most. `compliance`: of each joint the unit of a link position over a torque on
+    it."""
     return [_bode(loops, joints, compliance), _sensitivity(loops), _nyquist(loops, joints)] if loops else []
 
 
-def _bode(loops: Sequence[Loop], joints: Sequence[str], compliance: str) -> Figure:
-    lines, command, phase, torque = _lines(loops, joints), [], [], []
+def _bode(loops: Sequence[Loop], joints: Sequence[str], compliance: Sequence[str]) -> Figure:
+    lines, command, phase, torque = _lines(loops, joints), [], [], dict[str, list[Line]]()
     for name, style, response, joint in lines:
         below = response.frequencies <= 0.97 * np.pi / response.linear.period  # at its end the phase jumps
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
         command.append(Line(hertz, _decibel(followed), name, style))
         phase.append(Line(hertz, np.degrees(np.unwrap(np.angle(followed))), None, style))
-        torque.append(Line(hertz, _decibel(_moved(response, joint)[below]), None, style))
+        moved = Line(hertz, _decibel(_moved(response, joint)[below]), None, style)
+        torque.setdefault(compliance[joint], []).append(moved)
     which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[lines[0][3]]}."
     return draw_figure(
         "bode",
         (
             Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=DEPTH_DB),
             Panel("phase", "°", phase),
-            Panel(f"torque → link\n(dB of {compliance})", "", torque, depth=DEPTH_DB, **FREQUENCY),
+            *(
+                Panel(f"torque → link\n(dB of {unit})", "", lines, depth=DEPTH_DB, **FREQUENCY)
+                for unit, lines in torque.items()
+            ),
         ),
         f"{LOOP_CAPTION} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}",
         "Bode diagram",
-        8.4,
+        2.8 * (2 + len(torque)),
     )
 
 
