@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.numerals import number_text
 from flexhinf.plant.code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.parameters import ParameterTable
@@ -193,6 +194,20 @@ class Model(Summarised):
     def n(self) -> int:
         """Number of states."""
         return len(self.states)
+
+    def values_texts(self, names: Sequence[str], values: Any) -> list[str]:
+        """Values of signals with their names and units, but for zeros."""
+        pairs = zip(names, np.asarray(values, dtype=float).tolist(), strict=True)
+        return [f"{name} = {number_text(value, self.unit(name))}" for name, value in pairs if value]
+
+    def weight_units(self, names: Sequence[str]) -> list[str]:
+        """Units of weights of squares of signals in a cost without one, such as V⁻²; "" of a signal without a unit."""
+        units = map(self.unit, names)
+        return [unit and (f"({unit})⁻²" if "·" in unit else f"{unit}⁻²") for unit in units]
+
+    def weights_texts(self, names: Sequence[str], values: Any) -> list[str]:
+        """Weights of squares of signals in such a cost, with their units."""
+        return list(map(number_text, np.asarray(values, dtype=float).tolist(), self.weight_units(names)))
 
     def unit(self, name: str) -> str:
         """Unit of a named signal, empty when none was given."""

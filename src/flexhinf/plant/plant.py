@@ -257,12 +257,12 @@ class GeneralisedPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, R2 and operating point, for ``repr``."""
-        point = [f"{name} = {x:.4g}" for name, x in zip(self.plant.states, self._equilibrium[0]) if x]
+        point = self.plant.values_texts(self.plant.states, self._equilibrium[0])
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
             "disturbances": names_text(self.disturbance_names),
-            "R2": np.array2string(np.diag(self.r2), precision=4, separator=", "),
+            "R2": ", ".join(self.plant.weights_texts(self.input_names, np.diag(self.r2))),
             "operating point": ", ".join(point[:6]) + (", …" if len(point) > 6 else "") or "origin",
         }
 

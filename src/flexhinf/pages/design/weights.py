@@ -291,8 +291,7 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[tupl
 
 def effort_unit(problem: GeneralisedPlant) -> str:
     """Unit of R2 with a dimensionless z."""
-    units = dict.fromkeys(map(problem.plant.unit, problem.input_names))
-    return " or ".join(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units)
+    return " or ".join(dict.fromkeys(problem.plant.weight_units(problem.input_names)))
 
 
 # Noise levels of the estimator --------------------------------------------------------------------------
