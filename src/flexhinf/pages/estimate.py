@@ -79,12 +79,13 @@ def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
         texts.append(f"They are white{steps}: the filter takes all that the log says.")
     if judged.nees is not None:
         texts.append(_nees_text(judged.nees))
-    texts += [
-        f"The innovations of {signal_label(output.name)} have a mean of {number(output.bias, 2)} standard deviations: "
-        "an offset of the sensor or of the input, or a constant torque that the model leaves out."
-        for output in judged.outputs
-        if abs(output.bias) > BIAS * max(1.0, output.factor)
-    ]
+    biased = [output for output in judged.outputs if abs(output.bias) > BIAS * max(1.0, output.factor)]
+    if biased:
+        means = listed([f"{number(output.bias, 2)} ({signal_label(output.name)})" for output in biased])
+        texts.append(
+            f"Innovations have a mean that is not 0, in standard deviations: {means}. An offset of the sensor or of "
+            "the input, or a constant torque that the model leaves out, does so."
+        )
     outliers = rejected(result)
     texts += [
         f"The gate left out {count} of {count + output.samples} measurements of {signal_label(output.name)}."
