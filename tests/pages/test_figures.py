@@ -195,12 +195,13 @@ def test_the_first_histogram_of_each_row_names_what_is_counted(monkeypatch: pyte
         campaign, "histogram",
         lambda axis, judged, name, unit, values, what: counted.append((axis.get_subplotspec().is_first_col(), what)),
     )  # fmt: skip
-    monkeypatch.setattr(campaign, "in_degrees", lambda judged: False)
+    monkeypatch.setattr(campaign, "column_scale", lambda judged, name: (1.0, "s"))
     monkeypatch.setattr(campaign, "figure_block", lambda name, figure, *_: figure)
     judged: Any = SimpleNamespace(
-        column=lambda name: np.array([1.0, 2.0, np.inf]), table=SimpleNamespace(unit=lambda name: "s"),
-        requirements=(), of_status=lambda status: 0,
-    )  # fmt: skip
+        column=lambda name: np.array([1.0, 2.0, np.inf]),
+        requirements=(),
+        of_status=lambda status: 0,
+    )
     campaign._histograms(judged, ["a", "b", "c", "d", "e"])
     assert len(counted) == 5
     assert {*counted} == {(True, "samples"), (False, "")}
