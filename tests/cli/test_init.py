@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -41,16 +42,15 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
 def test_of_several_arms_one_is_named_as_a_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     second = URDF.split("</robot>")[0].split('<link name="base"/>')[1].replace("upper", "other")
     two = URDF.replace("</robot>", second.replace("shoulder", "second") + "</robot>").replace("0.03", "0.02")
-    Path("two.urdf").write_text(two, encoding="utf-8")
-    assert main(["check", "two.urdf"]) == 1
+    Path("two arms.urdf").write_text(two.replace("shoulder", "left;shoulder"), encoding="utf-8")
+    assert main(["check", "two arms.urdf"]) == 1
     said = " ".join(capsys.readouterr().out.split())
     assert unnamed(said, "2 branches", "'second'") == []
-    command = said.split("for one alone: flexhinf ")[1].split(".urdf")
-    options = command[1].split(".")[0].split()
-    assert main([*f"{command[0]}.urdf".split(), *options]) == 0  # the advice, followed
-    assert load_robot("two.toml").joint_names == ("shoulder",)
+    command = shlex.split(said.split("for one alone: flexhinf ")[1].split("'. ")[0] + "'")
+    assert main(command) == 0  # the advice, followed in a shell, to which its names are no commands
+    assert load_robot("two arms.toml").joint_names == ("left;shoulder",)
     assert "branches" not in capsys.readouterr().err
-    assert main(["init", "two.urdf", "--force"]) == 0
+    assert main(["init", "two arms.urdf", "--force"]) == 0
     assert "branches" in capsys.readouterr().err
 
 

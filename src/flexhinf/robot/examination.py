@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -141,7 +142,9 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             result.add("fault", error.what, numbers=error.found, advice=error.advice)
         return
     if faults:
-        result.add("note", "A robot file gets round these faults.", advice=f"flexhinf init {path.name}")
+        result.add(
+            "note", "A robot file gets round these faults.", advice=f"flexhinf init {shlex.quote(path.name)}"
+        )
     if branches := branches_text(arm, path):
         result.add("note", f"{branches}.")
     for change in found.changes:
@@ -182,7 +185,8 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
         "No file of links states springs: stiffness, motor inertia and friction of each joint are missing.",
         place=", ".join(joint.name for joint in arm.joints),
         count=len(arm.joints),
-        advice=f"flexhinf init {path.name}, which estimates them, then numbers of data sheets or `flexhinf identify`",
+        advice=f"flexhinf init {shlex.quote(path.name)}, which estimates them, then numbers of data sheets or "
+        "`flexhinf identify`",
     )
 
 

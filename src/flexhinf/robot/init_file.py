@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -139,10 +140,10 @@ def branches_text(arm: RigidArm, path: Path) -> str:
     if len(branches) < 2:
         return ""
     ends = _listed([branch[-1] for branch in branches])
-    alone = " ".join(f"--move {name}" for name in max(branches, key=len))
+    alone = " ".join(f"--move {shlex.quote(name)}" for name in max(branches, key=len))
     return (
         f"{len(arm.joints)} joints form {len(branches)} branches, which end with {ends}, and a design moves all; "
-        f"for one alone: flexhinf init {path.name} {alone}"
+        f"for one alone: flexhinf init {shlex.quote(path.name)} {alone}"
     )
 
 
