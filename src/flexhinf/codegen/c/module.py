@@ -506,6 +506,7 @@ class Translator:
                 elements,
                 places,
                 labels,
+                prefix=self.prefix.upper(),
             ).fitted()
             texts = writer.texts
             if not texts.keys() & self.functions.keys():
