@@ -193,3 +193,13 @@ def test_rows_that_are_zero_in_a_column_whatever_comes_are_not_compared() -> Non
     for one in (short, whole):
         np.testing.assert_allclose(one(numbers).full().ravel(), expected, rtol=1e-12, atol=1e-14)
     assert short.n_instructions() < 0.9 * whole.n_instructions()
+
+
+def test_the_first_row_may_be_zero_whatever_comes() -> None:
+    name = ca.SX.sym("t")
+    table = np.array([[0.0, Symbol(name)], [Symbol(name), Symbol(name)], [0.0, Symbol(name)]], dtype=object)
+    rows = [one.sx if isinstance(one, Symbol) else ca.SX(one) for one in householder(table, 1).ravel()]
+    found = ca.Function("f", [name], [ca.vertcat(*rows)])(2.0).full().ravel()
+    np.testing.assert_allclose(
+        found, householder(2.0 * np.array([[0, 1], [1, 1], [0, 1]]), 1).ravel(), rtol=1e-12
+    )

@@ -66,7 +66,10 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
             changes.append(
                 f"{names} rigid: as estimated the springs vibrate faster than samples of 1 ms show"
             )
-        changes += filter(None, [branches_text(arm, path)])
+        own = ["--drive", o.drive] if o.drive else []
+        own += [word for gear in o.gear for word in ("--gear", gear)]
+        again = ["--force", *own, *(["--out", str(o.out)] if o.out else [])]
+        changes += filter(None, [branches_text(arm, path, again)])
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     for change in changes:

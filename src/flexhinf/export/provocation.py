@@ -478,7 +478,7 @@ def _other_numbers(
 
 
 def _correlated(covariance: np.ndarray) -> np.ndarray:
-    """A covariance (n²,) with the same diagonal, or nearly, of which no element is zero and no two are equal."""
+    """A covariance (n²,) with the same diagonal, or nearly, whose elements are not zero, and differ below it."""
     n = math.isqrt(covariance.size)
     spread = np.sqrt(np.diag(covariance.reshape(n, n)))
     spread = np.where(spread > 0.0, spread, OF_ZERO * spread.max())

@@ -240,13 +240,13 @@ def run_realtime(
             number is not None and (not isinstance(number, int) or not low <= number <= high),
             f"There is no such {what}.", f"expected {low} to {high}, got {value_text(number)}", advice,
         )  # fmt: skip
+    first = loop.controller.input_before(initial_input, initial_estimate)
     paced = partial(
         loop.run_paced, reference=reference, disturbance=disturbance, noise=noise, initial_state=initial_state,
-        seed=seed, initial_input=loop.controller.input_before(initial_input, initial_estimate), multi_turn=multi_turn,
+        seed=seed, initial_input=first, multi_turn=multi_turn,
     )  # fmt: skip
-    period = loop.controller.period
-    samples = sample_count(duration, period)
-    clock = _Clock(loop, library, {"state": initial_estimate, "input": initial_input}, samples, real_time)
+    samples = sample_count(duration, period := loop.controller.period)
+    clock = _Clock(loop, library, {"state": initial_estimate, "input": first}, samples, real_time)
     paced(AT_ONCE, clock, duration=period * min(samples - 1, REHEARSED))
     clock.reset()
     with undisturbed(priority, core) as scheduling, stopping() as clock.request:

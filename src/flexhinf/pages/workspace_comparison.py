@@ -245,7 +245,8 @@ def _figure(comparison: WorkspaceComparison) -> Any:
             values = values[np.isfinite(values)]
             share = 100.0 * (np.arange(len(values)) + 1) / len(errors)
             lines.append(Line(share, values, None if panels else row.name, line_style(k)))
-        dashed = [(factor * line.limit, INK, None if panels else "allowed") for line in limits[-1:]]
+        own = [line for line in limits if units.of(small, line.joint) in (unit, small)]
+        dashed = [(factor * line.limit, INK, None if panels else "allowed") for line in own[-1:]]
         panels.append(Panel("tracking error", unit, lines, across="share of the moves (%)", dashed=dashed))
     caption = "The largest error of each move, in ascending order: 80 % of moves have less than a curve has at 80 %."
     return draw_figure("laws", panels, caption, "Errors along the moves")

@@ -134,8 +134,9 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names))
 
 
-def branches_text(arm: RigidArm, path: Path) -> str:
-    """That the joints form several branches, such as two arms, and how one is taken alone; "" for a chain."""
+def branches_text(arm: RigidArm, path: Path, options: Sequence[str] = ()) -> str:
+    """That the joints form several branches, such as two arms, and how one is taken alone, with more options; "" for a
+    chain."""
     branches = Tree(tuple(arm.joints)).branches
     if len(branches) < 2:
         return ""
@@ -143,7 +144,7 @@ def branches_text(arm: RigidArm, path: Path) -> str:
     alone = " ".join(f"--move {shlex.quote(name)}" for name in max(branches, key=len))
     return (
         f"{len(arm.joints)} joints form {len(branches)} branches, which end with {ends}, and a design moves all; "
-        f"for one alone: flexhinf init {shlex.quote(path.name)} {alone}"
+        f"for one alone: flexhinf init {shlex.join([str(path), *options])} {alone}"
     )
 
 

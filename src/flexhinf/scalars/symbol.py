@@ -137,7 +137,7 @@ def _dispatch(
             type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))
         }
         if not kinds:
-            return numeric(*elements)
+            return numeric(*elements)[()]
         if kinds == {Symbol}:
             return Symbol(symbolic(*(e.sx if isinstance(e, Symbol) else ca.SX(float(e)) for e in elements)))
         offender = next(kind for kind in kinds if kind is not Symbol)

@@ -196,7 +196,8 @@ class Supervision(StatedRepr):
         if self.workspace is None:
             return "not stated"
         low, high = (factor * _spread(end, len(units)) for end in self.workspace)
-        ends = [np.where(np.abs(end) < HIDDEN * (high - low), 0.0, end).tolist() for end in (low, high)]
+        width = np.where(np.isfinite(high - low), high - low, 0.0)
+        ends = [np.where(np.abs(end) < HIDDEN * width, 0.0, end).tolist() for end in (low, high)]
         return ", ".join(f"{number(a)} to {number_text(b, unit)}" for a, b, unit in zip(*ends, units))
 
     def reactions_text(self, units: Sequence[str], factor: Any = 1.0) -> str:
