@@ -22,7 +22,7 @@ BOTH = {PRODUCT, "pd"}
 TIMES, LEAST, SPEED = 1.2, 2e-3, 1.2
 #: Motors hold an arm at rest everywhere on its way where its weight needs at most this of their limits.
 HELD = 0.9
-#: Numbers of the issue's first measurement, brakes for 0.5 s: rad beyond, times the speed limit.
+#: Numbers of the first measurement, brakes for 0.5 s: rad beyond, times the speed limit.
 BEFORE = {"beltscara": (3.23, 2.3), "iiwa": (0.87, 5.2), "pallet": (0.44, None)}
 
 
