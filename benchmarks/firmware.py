@@ -37,6 +37,7 @@ from typing import Any
 import flexhinf as fh
 from benchmarks import firmware_peers, firmware_tests, firmware_trajectories
 from benchmarks.firmware_peers import PROGRAMS, Peer, kilobytes
+from benchmarks.record import keep_rows, kept_rows
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c
 from flexhinf.export.stack import stack_bytes
@@ -421,11 +422,6 @@ def transferred(text: str) -> int:
 
 
 # The tables ---------------------------------------------------------------------------------------------
-def kept_rows(kept: Path = KEPT) -> list[dict[str, Any]]:
-    """All rows that were measured."""
-    return json.loads(kept.read_text(encoding="utf-8"))
-
-
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows of the exported C, with what compiled and counted them, and what other flags change."""
     rows = [row for row in rows if not row["program"]]
@@ -519,10 +515,10 @@ def key(row: Mapping[str, Any]) -> tuple[int | str, str, str, str]:
 def main() -> int:
     """Measure and keep, or print a table."""
     tables = {
-        "exported": lambda: table(kept_rows()),
-        "peers": lambda: firmware_peers.table(kept_rows()),
-        "tests": lambda: firmware_tests.table(firmware_tests.kept_rows()),
-        "trajectories": lambda: firmware_trajectories.table(firmware_trajectories.kept_rows()),
+        "exported": lambda: table(kept_rows(KEPT)),
+        "peers": lambda: firmware_peers.table(kept_rows(KEPT)),
+        "tests": lambda: firmware_tests.table(kept_rows(firmware_tests.KEPT)),
+        "trajectories": lambda: firmware_trajectories.table(kept_rows(firmware_trajectories.KEPT)),
     }
     parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=__doc__)
     parser.add_argument(
@@ -541,13 +537,13 @@ def main() -> int:
         firmware_trajectories.keep()
         wanted.table = "trajectories"
     if wanted.table is None:
-        known = {key(row): row for row in kept_rows()}
+        known = {key(row): row for row in kept_rows(KEPT)}
         for row in ROWS:  # kept one by one
             if wanted.only in (None, "peers" if row[3] else str(row[0])):
                 known[row] = measure(*row)
                 print(json.dumps(known[row]), flush=True)
                 rows = [known[row] for row in ROWS if row in known]
-                KEPT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+                keep_rows(KEPT, rows)
     print(tables[wanted.table or "exported"]())
     return 0
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import flexhinf as fh
+from benchmarks.record import keep_rows, kept_rows
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c, with_measurement_limits
 from flexhinf.robot.workspace import workspace_of
@@ -89,7 +90,7 @@ def measured(folder: Path, sample: int = SAMPLE) -> list[dict[str, Any]]:
 
 def keep(one_pose: Callable[[int], fh.Controller]) -> None:
     """Measure all, and keep them beside what was measured first."""
-    known = {row["source"]: row for row in kept_rows()}
+    known = {row["source"]: row for row in kept_rows(KEPT)}
     for name in ("arm", "root", "two"):
         with tempfile.TemporaryDirectory() as work:
             for row in measured(exported(Path(work) / "c", name, one_pose)):
@@ -98,12 +99,7 @@ def keep(one_pose: Callable[[int], fh.Controller]) -> None:
                 known[row["source"]] = row | {"first": first}
                 print(json.dumps(known[row["source"]]), flush=True)
         rows = [known[source] for source in SOURCES if source in known]
-        KEPT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-
-
-def kept_rows() -> list[dict[str, Any]]:
-    """All rows that were measured."""
-    return json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else []
+        keep_rows(KEPT, rows)
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:

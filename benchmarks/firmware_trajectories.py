@@ -22,6 +22,7 @@ import numpy as np
 
 import flexhinf as fh
 from benchmarks.hardware.robots import files_of
+from benchmarks.record import keep_rows, kept_rows
 from flexhinf.design.simulated_robot import SimulatedRobot
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export.compiled_follower import follow_files
@@ -112,8 +113,7 @@ int main(int count, char **texts)
     arm_follow_goal goal = {.points = points, .count = 2};
     arm_follow_input input = {.speed = 1, .path_rate = 1};
     arm_follow_output output = {.result = 0};
-    arm_real q[ARM_FOLLOW_JOINTS] = {0};
-    if (arm_rest_pose(q)) return 1;
+    const arm_real q[ARM_FOLLOW_JOINTS] = {POSE};
     arm_follow_init(&state, q);
     points[0].time = (arm_real)0.5, points[1].time = 1;
     points[0].order = points[1].order = 3;
@@ -133,13 +133,8 @@ int main(int count, char **texts)
 
 def instructions(code: ControllerCode, pose: Sequence[float], folder: Path) -> float:
     """Of a step of ``NAME_follow`` on the way from a pose (n,), by gcc and callgrind, as the difference of two runs."""
-    rest = "".join(f" q[{k}] = (arm_real){float(q)!r};" for k, q in enumerate(pose))
-    helper = f"static int arm_rest_pose(arm_real *q) {{{rest} return 0; }}\nint main("
-    for file, text in {
-        **code.files,
-        **follow_files(code),
-        "count.c": COUNTED.replace("int main(", helper),
-    }.items():
+    count = COUNTED.replace("POSE", ", ".join(f"(arm_real){float(q)!r}" for q in pose))
+    for file, text in {**code.files, **follow_files(code), "count.c": count}.items():
         (folder / file).write_text(text)
     words = ["-std=c99", "-O3", "-march=x86-64-v3", "arm.c", "arm_follow.c", "count.c", "-lm", "-o", "count"]
     subprocess.run(["gcc", *words], cwd=folder, check=True, capture_output=True)
@@ -170,17 +165,12 @@ def measured(name: str) -> dict[str, Any]:
 
 def keep() -> None:
     """Measure all, and keep them one by one."""
-    known = {row["robot"]: row for row in kept_rows()}
+    known = {row["robot"]: row for row in kept_rows(KEPT)}
     for name in ROBOTS:
         known[name] = measured(name)
         print(json.dumps(known[name]), flush=True)
         rows = [known[robot] for robot in ROBOTS if robot in known]
-        KEPT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-
-
-def kept_rows() -> list[dict[str, Any]]:
-    """All rows that were measured."""
-    return json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else []
+        keep_rows(KEPT, rows)
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:

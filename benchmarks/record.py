@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import platform
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-__all__ = ["FOLDER", "keep", "readable"]
+__all__ = ["FOLDER", "keep", "keep_rows", "kept_rows", "readable"]
 
 FOLDER = Path(".benchmarks")
 
@@ -29,6 +30,16 @@ def keep(name: str, rows: list[dict[str, Any]]) -> None:
     print(
         f"kept in {FOLDER / name}; load of the machine {machine['load']}, {machine['processors']} processors"
     )
+
+
+def kept_rows(file: Path) -> list[dict[str, Any]]:
+    """Rows that stand in a file of the repository; none where there is no file."""
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
+
+
+def keep_rows(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows to a file of the repository."""
+    file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
 def readable(microseconds: float) -> str:

@@ -93,6 +93,17 @@ def number_text(value: float, unit: str = "", digits: int = 4) -> str:
     return f"{number(value, digits)}{'' if unit == '°' else ' '}{unit}".rstrip()
 
 
+def power_of(unit: str, exponent: str) -> str:
+    """A unit to a power; "" of none.
+
+    Examples
+    --------
+    >>> power_of("V", "²"), power_of("N·m", "⁻²"), power_of("rad/s", "²")
+    ('V²', '(N·m)⁻²', '(rad/s)²')
+    """
+    return unit and (f"({unit}){exponent}" if "·" in unit or "/" in unit else f"{unit}{exponent}")
+
+
 def without_noise(value: float, limit: float) -> float:
     """A value beside its limit: 0 where it is no more than the rounding errors of what it was computed of.
 

@@ -7,14 +7,15 @@ from itertools import product
 
 import pytest
 from benchmarks import firmware_peers
-from benchmarks.firmware import CLOCK, RATE, ROWS, cost_of, kept_rows, key, measure, table
+from benchmarks.firmware import CLOCK, KEPT, RATE, ROWS, cost_of, key, measure, table
+from benchmarks.record import kept_rows
 from tests.tiers import ci_and_night
 
 ROOM_IN_FLASH = 32_000  # bytes
 
 
 def kept(links: int, real: str, machine: str, program: str = "") -> dict[str, float]:
-    rows = kept_rows()
+    rows = kept_rows(KEPT)
     assert [key(row) for row in rows] == ROWS
     return rows[ROWS.index((links, real, machine, program))]
 
@@ -25,7 +26,7 @@ def test_one_link_fits_a_microcontroller() -> None:
     period = CLOCK / RATE  # cycles
     assert row["cycles"] < period / 6
     assert row["cycles"] + 5 * row["most"] < 0.6 * period  # with five cycles of waiting for each instruction
-    assert f"{row['cycles']:,}" in table(kept_rows())
+    assert f"{row['cycles']:,}" in table(kept_rows(KEPT))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +79,7 @@ def test_peers_give_the_inputs_of_the_python_that_they_are_made_of(row: tuple[in
 
 
 def test_the_best_stands_first_and_losses_are_named() -> None:
-    text = firmware_peers.table(kept_rows())
+    text = firmware_peers.table(kept_rows(KEPT))
     first = {
         peer: next(line for line in text.splitlines() if peer in line)
         for peer in ("CasADi", "Observer", "ADMM")

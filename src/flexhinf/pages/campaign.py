@@ -29,7 +29,7 @@ from flexhinf.design.campaign_folder import (
 )
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
-from flexhinf.numerals import number, number_text, short_numbers
+from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.arm_film import two_arms
 from flexhinf.pages.campaign_numbers import (
     METRIC_LABELS,
@@ -40,6 +40,7 @@ from flexhinf.pages.campaign_numbers import (
     interval_text,
     limit_text,
     metric_text,
+    own_value_text,
     percent_text,
     setting_rows,
     unlike_parts,
@@ -62,7 +63,6 @@ from flexhinf.pages.campaign_parts import (
     share_text,
     small_panels,
     square_text,
-    unbroken,
     unstable_text,
     worst_text,
     write_page,
@@ -75,6 +75,7 @@ from flexhinf.pages.drawing import (
     figure_block,
     first_screen,
     legend_above,
+    unbroken,
 )
 from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
@@ -184,8 +185,7 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
             value = ("never", "") if np.isinf(largest) else value_in(judged, name, float(largest))
-            middle = "never" if np.isinf(median) else number_text(*value_in(judged, name, float(median)), 3)
-            note = f"median {middle}; sample {worst}"
+            note = f"median {own_value_text(judged, name, float(median))}; sample {worst}"
             numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
     return numbers
 

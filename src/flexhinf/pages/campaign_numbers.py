@@ -124,6 +124,11 @@ def value_in(judged: CampaignJudgement, name: str, value: float) -> tuple[float,
     return readable(value, unit, in_degrees(judged))
 
 
+def own_value_text(judged: CampaignJudgement, name: str, value: float) -> str:
+    """A value of a metric with the unit that `value_in` has; infinity is a time that is never reached."""
+    return "never" if np.isinf(value) else number_text(*value_in(judged, name, value), 3)
+
+
 def column_scale(judged: CampaignJudgement, name: str) -> tuple[float, str]:
     """Factor and unit in which all values of a metric are shown, by the largest."""
     values = np.abs(judged.column(name))

@@ -27,20 +27,20 @@ from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow, verdic
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
-from flexhinf.numerals import number, number_text, short_numbers
+from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.campaign_numbers import (
     display_scale,
     in_degrees,
     interval_text,
     limit_text,
     metric_text,
+    own_value_text,
     percent_text,
     setting_rows,
-    value_in,
     value_text,
 )
 from flexhinf.pages.design.step import histogram_bins
-from flexhinf.pages.drawing import DASHED, figure_block, framed
+from flexhinf.pages.drawing import DASHED, figure_block, framed, unbroken
 from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
@@ -121,11 +121,6 @@ def replay_command(folder: Path | str, which: str) -> str:
     return f"flexhinf campaign replay {shlex.quote(str(folder))} {which}"
 
 
-def unbroken(text: str) -> str:
-    """Replace the space before each per cent sign by one at which no line breaks."""
-    return text.replace(" %", "\N{NO-BREAK SPACE}%")
-
-
 # Sentences and tables for a terminal too -----------------------------------------------------------------------
 def campaign_verdict(judged: CampaignJudgement) -> str:
     """Number of failures, confidence interval of the success rate, and the worst sample by the main metric."""
@@ -139,8 +134,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     )
     if (worst := judged.worst_of_all) is None:
         return f"{text}."
-    size, unit = value_in(judged, judged.main, float(judged.column(judged.main)[worst]))
-    value = "never" if np.isinf(size) else number_text(size, unit, 3)
+    value = own_value_text(judged, judged.main, float(judged.column(judged.main)[worst]))
     return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
 
 

@@ -229,6 +229,11 @@ def joint_panels(
     return parts
 
 
+def unbroken(text: str, before: str = "%") -> str:
+    """Replace the space before each per cent sign, or another text, by one at which no line breaks."""
+    return text.replace(f" {before}", f"\N{NO-BREAK SPACE}{before}")
+
+
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
     """Add the legend of one panel above all of them."""
     figure.legend(

@@ -14,7 +14,7 @@ from flexhinf.design.responses import ROBOT
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
-from flexhinf.numerals import number
+from flexhinf.numerals import number, power_of
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import Units, listed
 from flexhinf.report import Setting
@@ -111,15 +111,11 @@ def sensor_rows(setup: LoopPlants) -> Rows:
     return [
         ("measured", list(plant.outputs), "", source_of(setup.specification, "measured")),
         *(
-            (f"Rⁿ of {name.replace('_', ' ')}", float(value), _squared(plant.unit(name)), source)
+            (f"Rⁿ of {name.replace('_', ' ')}", float(value), power_of(plant.unit(name), "²"), source)
             for name, value in zip(plant.outputs, setup.noise_variances)
         ),
         ("simulated noise", "white, of these variances", "", "ours"),
     ]
-
-
-def _squared(unit: str) -> str:
-    return f"({unit})²" if "·" in unit or "/" in unit else f"{unit}²"
 
 
 def loop_rows(setup: LoopPlants) -> Rows:

@@ -41,6 +41,7 @@ from flexhinf.pages.drawing import (
     joint_panels,
     line_style,
     listed,
+    unbroken,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -76,9 +77,6 @@ from flexhinf.robot.waypoints import LIMITS
 
 #: What design.json holds of a requirement, besides `requirement_numbers`.
 REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
-
-#: Between a number and its unit in a narrow cell.
-HARD_SPACE = "\u00a0"
 
 
 def workspace_page(
@@ -267,7 +265,7 @@ def _move_table(design: WorkspaceEvidence) -> Table:
                     found = float(chosen([row[key] for row in worst_motion(moves, places)]))
                     scaled = found * units.factor_of(factor, units.joints[places[0]])
                     texts.append(number_text(scaled, own if " or " in unit else "", 3))
-                cells.append(", ".join(text.replace(" ", HARD_SPACE) for text in texts))
+                cells.append(", ".join(unbroken(text, "") for text in texts))
             rows.append(tuple(cells))
     speed = design.setup.limits.speed
     speeds = [f"{SPEED:.0%} of the speed limits".replace("%", " %")] if np.isfinite(speed).any() else []
@@ -300,7 +298,7 @@ def _joint_table(design: WorkspaceEvidence) -> Table:
             cells.append(
                 "–"
                 if worst is None
-                else f"{number_text(units.factor_of(factor, joint) * values[worst], own, 3).replace(' ', HARD_SPACE)} "
+                else f"{unbroken(number_text(units.factor_of(factor, joint) * values[worst], own, 3), '')} "
                 f"({_move_name(design, worst)})"
             )
         rows.append(cells)

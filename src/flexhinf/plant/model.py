@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.numerals import number_text
+from flexhinf.numerals import number_text, power_of
 from flexhinf.plant.code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.parameters import ParameterTable
@@ -202,8 +202,7 @@ class Model(Summarised):
 
     def weight_units(self, names: Sequence[str]) -> list[str]:
         """Units of weights of squares of signals in a cost without one, such as V⁻²; "" of a signal without a unit."""
-        units = map(self.unit, names)
-        return [unit and (f"({unit})⁻²" if "·" in unit else f"{unit}⁻²") for unit in units]
+        return [power_of(self.unit(name), "⁻²") for name in names]
 
     def weights_texts(self, names: Sequence[str], values: Any) -> list[str]:
         """Weights of squares of signals in such a cost, with their units."""
