@@ -30,6 +30,8 @@ KEPT = {"design", "compare", "campaign", "identify", "estimate", "certify", "exp
 REPLACE = {"design", "compare"}
 #: Variables that change what a command prints or writes.
 SETTINGS = ("COLUMNS", "FLEXHINF_OPTIMISATION", "SOURCE_DATE_EPOCH")
+#: Columns of the terminal for commands of the documentation, whose tests and site share what these leave behind.
+COLUMNS = "160"
 #: How long to wait for another worker that makes the same, s.
 PATIENCE = 1200.0
 

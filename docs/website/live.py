@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
-from tests.store import command, source_digest
+from tests.store import COLUMNS, command, source_digest
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 _PLACE = "<!-- made by the build: live pages -->"
 
-#: The arms: a title, and the design whose page is shown. A robot file lies beside this one.
+#: The arms: a title, and the design whose page is shown. A robot file lies beside this one. The words of the catalogue's
+#: robots are those of a command of the documentation, so that a run of CI makes each design once.
 ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "two-links": (
         "Two links, one controller for the whole workspace",
@@ -25,7 +28,7 @@ ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "paper": (
         "One link, lifted against gravity",
-        ("paper", "--pose", "90deg", "--start", "0", "--preset", "damped", "--degrees", "2", "--draws", "0"),
+        tuple("paper --pose 90deg --start 0 --preset damped --degrees 2 --draws 0 --out arm".split()),
     ),
 }
 
@@ -53,8 +56,10 @@ def make(folder: Path) -> list[str]:
             work.mkdir(parents=True)
             if words[0].endswith(".toml"):
                 shutil.copy(Path(__file__).with_name(words[0]), work)
-            command(("design", *words), work)  # exit code 1 is a design too
-            done = command(("export", "web", "flexhinf-design"), work)
+            design = words[-1] if "--out" in words else "flexhinf-design"
+            with patch.dict(os.environ, COLUMNS=COLUMNS):
+                command(("design", *words), work)  # exit code 1 is a design too
+                done = command(("export", "web", design, "--out", "live.html"), work)
             if done.code:
                 from sphinx.util import logging  # here, as tests read this file without Sphinx
 
@@ -62,7 +67,7 @@ def make(folder: Path) -> list[str]:
                     "live page %s: %s", name, (done.errors or done.output).strip()
                 )
                 continue
-            shutil.copy(work / "flexhinf-design.html", page)
+            shutil.copy(work / "live.html", page)
         made.append(name)
     stamp.write_text(now, encoding="utf-8")
     return made

@@ -31,6 +31,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 import pytest
+from tests.store import COLUMNS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
@@ -290,7 +291,7 @@ def run_script(text: str, folder: Path, flexhinf: str = f'"{sys.executable}" -m 
         "PATH": os.pathsep.join([str(bin), os.environ["PATH"]]),
         "PYTHONPATH": os.pathsep.join(path for path in paths if path),
         "MPLBACKEND": "Agg",
-        "COLUMNS": "160",
+        "COLUMNS": COLUMNS,
     }
     done = subprocess.run(
         ["bash", "-c", watch + text], cwd=work, env=environment, capture_output=True, text=True, check=False
