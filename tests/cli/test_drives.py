@@ -56,7 +56,7 @@ def done(words: list[str], *codes: int) -> None:
     assert main(words) in (codes or (0, 1)), words
 
 
-@kinds("position", "velocity")
+@kinds("velocity", "position")
 def test_a_design_of_one_pose_goes_everywhere(
     servo: tuple[str, str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,7 +92,7 @@ def test_a_design_of_one_pose_goes_everywhere(
     assert (folder / "both" / "index.html").is_file()
 
 
-@kinds("velocity", "position")
+@kinds("position", "velocity")
 def test_a_design_of_the_workspace_goes_everywhere(
     servo: tuple[str, str, list[str]],
     folder: Path,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import driven_robot, linear_law
 from tests.export.test_rest import elastic_controller
 from tests.refusals import refused_with
 
@@ -47,6 +48,18 @@ def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> N
         interfaces = [group["interface"] for group in stated[kind].values()]
         assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
         assert "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}" in source
+
+
+@pytest.mark.parametrize("drive", ["velocity", "position"])
+def test_a_drive_has_the_interface_of_what_it_takes(drive: str) -> None:
+    robot = driven_robot("planar-two-link", drive)
+    law = linear_law(plant := robot.plant(), np.zeros((2, len(plant.states))))
+    code = code_of(fh.Controller(law, None, PERIOD, 1.0), "arm", "double", robot)
+    parameters = render_c(
+        "ros2/controller.yaml", "arm", code.real, **code.values, follows=False, **ros2_values(code, np.zeros(2))
+    )
+    inputs = yaml.safe_load(parameters)["arm_controller"]["ros__parameters"]["inputs"]
+    assert [group["interface"] for group in inputs.values()] == [f"{joint}/{drive}" for joint in robot.joint_names]
 
 
 class Twins(fh.Law):
