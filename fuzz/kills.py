@@ -78,7 +78,7 @@ def run(attempts: int, seed: int) -> Tally:
             folder = Path(name) / str(attempt)
             folder.mkdir()
             number = SIGNALS[rng.integers(len(SIGNALS))]
-            whole = attempt % max(1, attempts // COMMANDS) == 0
+            whole = attempt % (ATTEMPTS // COMMANDS) == 0
             if whole:
                 how = f"seed {seed}, attempt {attempt}, a command, {number.name}"
                 fault = _command(folder, number, float(rng.uniform(0.0, 5.0)))
