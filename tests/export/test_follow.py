@@ -231,12 +231,30 @@ def test_c_refuses_what_python_refuses(real: str, compiled: Any) -> None:
     }
 
 
+@cache
 def limited_code(real: str) -> ControllerCode:
     """Of a robot whose drives take a torque that changes by 600 N·m/s and 25,000 N·m/s²."""
     robot = replace(
         robot_of("planar-two-link"), command_rates=(600.0, 600.0), command_accelerations=(2.5e4, 2.5e4)
     )
     return code_of(controller_of("planar-two-link"), "arm", real, robot)
+
+
+LIMITED_GOAL = [[0.0, 0.0], [0.05, 0.1]], np.zeros((2, 2)), np.zeros((2, 2))
+
+
+@cache
+def free_changes(order: int, duration: float) -> tuple[float, float]:
+    """Largest changes of the input, N·m/s and N·m/s², on `LIMITED_GOAL` where nothing limits them; in Python."""
+    follower = follower_of(limited_code("double"))
+    assert follower is not None
+    free = replace(follower, limited=False)
+    free.reset([0.0, 0.0])
+    goal = FollowGoal(["elbow", "shoulder"], [0.0, duration], *LIMITED_GOAL[:order])
+    assert free.start(goal) is FollowCode.ACTIVE
+    u = np.array([free.step().row[-2:] for _ in range(round(duration / PERIOD) + 200)])
+    first, second = (float(np.abs(np.diff(u, k, axis=0)).max()) / PERIOD**k for k in (1, 2))
+    return first, second
 
 
 @pytest.mark.ci("compiles and simulates goals of drives with limits")
@@ -264,23 +282,19 @@ def test_goals_too_quick_for_drives_are_refused(real: str, compiler: str, tmp_pa
     other = CompiledFollower(
         ctypes.CDLL(str(tmp_path / "arm.so")), follower, np.float64 if real == "double" else np.float32
     )
-    most = 0.7 * np.array([[600.0], [2.5e4]])
+    most = 0.7 * np.array([600.0, 2.5e4])
     names, taken = ["elbow", "shoulder"], []
     for order in (1, 2, 3):
         for duration in (0.12, 0.2, 0.35, 0.6, 1.1, 2.0, 6.0):
-            rows = [[[0.0, 0.0], [0.05, 0.1]], np.zeros((2, 2)), np.zeros((2, 2))]
-            one = FollowGoal(names, [0.0, duration], *rows[:order])
+            rows = LIMITED_GOAL[:order]
+            one = FollowGoal(names, [0.0, duration], *rows)
             code_of_goal = follower.check(one)
             assert other.check(one) is code_of_goal
             for each in (follower, other):
                 each.reset([0.0, 0.0])
-            first = FollowGoal(names, [duration], *[row[1:] for row in rows[:order]])
+            first = FollowGoal(names, [duration], *[row[1:] for row in rows])
             assert follower.start(first) is other.start(first)
-            free = replace(follower, limited=False)
-            free.reset([0.0, 0.0])
-            assert free.start(one) is FollowCode.ACTIVE
-            u = np.array([free.step().row[-2:] for _ in range(round(duration / PERIOD) + 200)])
-            changes = [np.abs(np.diff(u, k, axis=0)).max(axis=0) / PERIOD**k for k in (1, 2)]
+            changes = free_changes(order, duration)
             assert (code_of_goal is FollowCode.SUCCESSFUL) == bool(np.all(changes <= most))
             taken.append(code_of_goal is FollowCode.SUCCESSFUL)
     assert 3 <= sum(taken) <= len(taken) - 3
