@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -92,17 +94,24 @@ def is_choice(line: str) -> bool:
     return assigns is not None and not re.search(r"[?]|&&|\|\|", without)
 
 
+@cache
 def two_links() -> fh.Controller:
     return arm_controller("planar-two-link", degree=4, r=1e-6, p0=1e-8, limit=200.0)
 
 
+@cache
 def seven_links() -> fh.Controller:
     noise, sensors = np.tile([0.0, 0.0, 1e-7, 1e-7], 7), ("link_position", "motor_position")
     return arm_controller("seven-link", measured=sensors, q=noise, r=1e-8, p0=1e-9, limit=24.0)
 
 
-def check(controller: fh.Controller, real: str) -> None:
-    text = code_of(controller, "arm", real).source
+@cache
+def source_of(made: Callable[[], fh.Controller], real: str) -> str:
+    """The source of a controller, which takes some seconds for several joints."""
+    return code_of(made(), "arm", real).source
+
+
+def check(text: str) -> None:
     kinds = [re.compile(f"{kind}( else {{)?") for kind in (*CHOICES, *LOOPS, *BRANCHES)]
     found = decisions(text)
     assert len(found) > 80
@@ -126,18 +135,18 @@ def check(controller: fh.Controller, real: str) -> None:
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_one_link_decides_nothing_by_data_but_what_is_listed(real: str, controller: fh.Controller) -> None:
-    check(controller, real)
+    check(code_of(controller, "arm", real).source)
 
 
 @pytest.mark.ci("writes the code of two joints")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_two_links_decide_nothing_by_data_but_what_is_listed(real: str) -> None:
-    check(two_links(), real)
+    check(source_of(two_links, real))
 
 
 @pytest.mark.ci("writes the code of seven joints")
 def test_seven_links_decide_nothing_by_data_but_what_is_listed() -> None:
-    check(seven_links(), "double")
+    check(source_of(seven_links, "double"))
 
 
 def test_another_loop_or_branch_is_found() -> None:
@@ -216,8 +225,7 @@ LONG = {
 
 
 def is_short(kind: str) -> bool:
-    made, real = LONG[kind]
-    every = whole_functions(code_of(made(), "arm", real).source)
+    every = whole_functions(source_of(*LONG[kind]))
     assert [name for function in every for name in unused(function)] == []
     return 40 < max(len(function.splitlines()) for function in every) <= 120
 
