@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -89,13 +90,24 @@ def hostile(controller: fh.Controller, samples: int, seed: int) -> tuple[np.ndar
     return y, r, measured
 
 
+@pytest.fixture(scope="module")
+def exported(build: Callable[..., Any]) -> Callable[[str], tuple[fh.Controller, Any]]:
+    """A controller by its name, and its compiled code in `double`."""
+
+    @cache
+    def made(name: str) -> tuple[fh.Controller, Any]:
+        controller = CONTROLLERS[name]()
+        return controller, build(controller)
+
+    return made
+
+
 @pytest.mark.ci("compiles an unscented filter, in Python and in C")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_a_recorded_loop_comes_out_the_same(name: str, build: Callable[..., Any]) -> None:
-    controller = CONTROLLERS[name]()
-    compiled = build(controller)
+def test_a_recorded_loop_comes_out_the_same(name: str, exported: Callable[[str], Any]) -> None:
+    controller, compiled = exported(name)
     run = record(controller)
     measured = np.array([code != "PREDICTED" for code in run.codes])
     u, x, codes = compiled.replay(run.y, run.r[:, : len(controller.commanded)], measured, *_sizes(controller))
@@ -109,10 +121,9 @@ def test_a_recorded_loop_comes_out_the_same(name: str, build: Callable[..., Any]
 @pytest.mark.ci("3,000 samples of seven controllers, in Python and in C")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..., Any]) -> None:
-    controller = CONTROLLERS[name]()
+def test_hostile_samples_are_answered_as_in_python(name: str, exported: Callable[[str], Any]) -> None:
+    controller, compiled = exported(name)
     y, r, measured = hostile(controller, 3000, seed=1)
-    compiled = build(controller)
     u, _, codes = compiled.replay(y, r, measured, *_sizes(controller))
     expected = answers(controller, y, r, measured)
     assert np.isfinite(u).all()
