@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 
@@ -74,10 +75,10 @@ def test_percentiles_of_a_few_steps(module: Any) -> None:
     assert gc.isenabled()
 
 
-@pytest.mark.ci("designs seven links and compiles their library")
+@pytest.mark.parametrize("robot", ci_and_night("designs, and compiles a library", ["planar-two-link"], ["seven-link"]))
 @pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="missing: gcc, or Linux")
-def test_seven_links_call_malloc_never(module: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    module.main(["--robot", "seven-link", "--degree", "2", "--steps", "100", "--counted-steps", "500"])
+def test_a_step_calls_malloc_never(robot: str, module: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    module.main(["--robot", robot, "--degree", "2", "--steps", "100", "--counted-steps", "500"])
     rows = json.loads(Path(".benchmarks/jitter.json").read_text())["rows"]
     assert [row["step"] for row in rows] == ["controller", "library"]
     for row in rows:
