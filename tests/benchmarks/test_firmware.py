@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from itertools import product
 
 import pytest
 from benchmarks import firmware_peers
 from benchmarks.firmware import CLOCK, KEPT, RATE, ROWS, cost_of, key, measure, table
 from benchmarks.record import kept_rows
-from tests.tiers import ci_and_night
 
 ROOM_IN_FLASH = 32_000  # bytes
 
@@ -103,14 +101,11 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
 
 #: What counts the instructions of each machine.
 TOOLS = {"x86-64": ("gcc", "valgrind"), "Cortex-M4F": ("arm-none-eabi-gcc", "qemu-system-arm")}
-OWN = ("Cortex-M4F", "")
-OTHERS = [row for row in product(TOOLS, ("", "CasADi", "Observer", "ADMM")) if row != OWN]
 
 
-@pytest.mark.parametrize(
-    ("machine", "program"),
-    ci_and_night("counts every instruction of a run", [OWN], OTHERS),
-)
+@pytest.mark.nightly("counts every instruction of a run; tests/export/test_cortex_m4.py runs one on that machine in CI")
+@pytest.mark.parametrize("program", ["", "CasADi", "Observer", "ADMM"])
+@pytest.mark.parametrize("machine", TOOLS)
 def test_a_row_measured_again(machine: str, program: str) -> None:
     for tool in TOOLS[machine]:
         if shutil.which(tool) is None:
