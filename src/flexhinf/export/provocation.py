@@ -17,7 +17,16 @@ import numpy as np
 from flexhinf.arrays import Number
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
-from flexhinf.export.recording import FAILED, MEASURED, MISSING, Provocation, Recording, history_of
+from flexhinf.export.recording import (
+    FAILED,
+    MEASURED,
+    MISSING,
+    Provocation,
+    Recording,
+    go_back,
+    history_of,
+    remembered,
+)
 from flexhinf.loop import Controller
 
 #: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
@@ -209,18 +218,6 @@ def _tried(
     places = controller.data.places
     ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
 
-    def begun() -> tuple[list[Controller], int]:
-        """Controllers that have had all rows so far, one of each rounding; and samples without a measurement since the
-        last one with."""
-        both = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
-        codes, *_ = [one.feed_to(each, 0, one.quiet).codes for each in both]
-        if one.quiet is not None:
-            both = [one.quieted(each) for each in both]
-            if one.quiet < len(one.y):
-                more, *_ = [one.feed_to(each, one.quiet).codes for each in both]
-                codes += more
-        return both, _without(codes, 0)[-1]
-
     def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, trial.y[:count]]), np.vstack([one.r, trial.r[:count]])
@@ -232,7 +229,10 @@ def _tried(
         repeats = [*one.repeats, *[1] * count]
         return replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
 
-    going, missing = begun()
+    # Controllers that have had all rows so far, one of each rounding; and samples without a measurement since one with.
+    going = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
+    codes, *_ = [one.feed_to(each).codes for each in going]
+    going, missing = going if one.quiet is None else [*map(one.quieted, going)], _without(codes, 0)[-1]
     for trial in other:
         memory, count = held(trial.memory), len(trial.y)
         last = controller.memory.named(memory).u
@@ -240,19 +240,18 @@ def _tried(
         for rows, measured in ((count, True), (1, True), (1, False)):
             if (rows == 1 and not exact) or (not measured and not controller.gaps):
                 continue
-            more = longer(trial, memory, rows, measured)
-            try:
+            more, ended = longer(trial, memory, rows, measured), False
+            before = [remembered(each) for each in going]
+            with suppress(NumericalFailure):
                 codes = [more.feed_to(each, len(one.y)).codes for each in going]
                 alike = all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0])
                 counts = _without(codes[0], missing)
+                ended = True
                 if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
-                    one, missing = more, counts[-1]
-                else:
-                    going, missing = begun()
-            except NumericalFailure:
-                going, missing = begun()
-                continue
-            if rows > 1:
+                    one, missing, before = more, counts[-1], []
+            for each, memories in zip(going, before):
+                go_back(each, memories)
+            if ended and rows > 1:
                 break
     return one
 

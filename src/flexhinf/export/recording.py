@@ -70,7 +70,7 @@ class Provocation:
         fresh, numbers = going.fresh(), np.array(self.numbers)
         numbers[list(self.noise)] = 0.0
         fresh.data_vector = read_only(numbers)
-        vars(history_of(fresh)).update(deepcopy(vars(history_of(going))))
+        go_back(fresh, remembered(going))
         return fresh
 
     def answered(self, controller: Controller) -> Recording:
@@ -228,6 +228,21 @@ def history_of(controller: Controller) -> StateHistory:
     return controller._history  # pyright: ignore[reportPrivateUsage]
 
 
+def remembered(controller: Controller) -> dict[str, object]:
+    """A copy of all that it remembers."""
+    return deepcopy(vars(history_of(controller)))
+
+
+def go_back(controller: Controller, memories: Mapping[str, object]) -> None:
+    """Let a controller go on from what was `remembered`, in the arrays that its compiled step writes."""
+    history = history_of(controller)
+    for name, value in memories.items():
+        if isinstance(value, np.ndarray):
+            getattr(history, name)[:] = value
+        else:
+            setattr(history, name, value)
+
+
 def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:
     """Measurements (K, p) of a run in which the positions are moved away and back from this sample on, as far as inputs
     need to reach a limit if they follow in proportion, and half as far and fast as limits of measurements let them;
@@ -332,16 +347,18 @@ def feed(
     )
     said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
-        code, before = kind, fresh.rejected
+        code = kind
         if k in memories:
             history_of(fresh).memory[:], history_of(fresh).failed = memories[k], False
         if kind == GAP:
             y[k, 0] = np.nan
             code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
+        sample = None if kind == MISSING else y[k], r[k] if r.shape[1] else None
         try:
-            for _ in range(repeats[k]):
-                before = fresh.rejected
-                held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+            for _ in range(repeats[k] - 1):
+                held = fresh.step(*sample)
+            before = fresh.rejected
+            held = fresh.step(*sample)
             if fresh.mode.checks_measurements and code == MEASURED:
                 believed = np.isfinite(y[k]) & (fresh.rejected == before)
                 code = MEASURED if believed.any() else MISSING
