@@ -382,9 +382,12 @@ def test_it_says_that_only_constants_were_counted(
 
 
 @pytest.mark.ci("a design")
-def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
+def test_a_design_file_alone_is_designed_first(arm: str, tmp_path: Path) -> None:
+    """Of a robot without tolerances, and with what a design of one pose would search."""
+    (tmp_path / "arm.toml").write_text(f"gravity = 0.0\n{arm}")
     (tmp_path / "design.toml").write_text(
-        '[design]\nrobot = "paper"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
+        '[design]\nrobot = "arm.toml"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
+        "torque_noise = 1e-5\ncompare_rigid = false\n"
     )
     out = tmp_path / "c"
     words = [
