@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,6 +77,22 @@ def compiler() -> str:
     if found is None:
         pytest.skip("missing: a C compiler")
     return found
+
+
+@pytest.fixture(scope="session")
+def export_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Exports a controller as "arm" into a folder of its own; what was exported before is copied."""
+    made: dict[tuple[int, str, int], tuple[Path, Any, Any]] = {}
+
+    def export(controller: fh.Controller, real: str = "double", robot: fh.Robot | None = None) -> Path:
+        key, folder = (id(controller), real, id(robot)), tmp_path_factory.mktemp("exported") / "c"
+        if key in made:
+            return Path(shutil.copytree(made[key][0], folder))
+        pattern = export_c(controller, tmp_path_factory.mktemp("pattern") / "c", "arm", real, robot=robot)
+        made[key] = pattern, controller, robot  # which keep their numbers
+        return export(controller, real, robot)
+
+    return export
 
 
 @pytest.fixture(scope="session")

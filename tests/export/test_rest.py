@@ -44,8 +44,12 @@ def robot_of(name: str) -> fh.Robot:
     return replace(robot, rigid=robot.joint_names[:1]) if name.startswith("rigid") else robot
 
 
-@cache
 def controller_of(name: str, moving: bool = True, watch: fh.Supervision | None = None) -> fh.Controller:
+    return _controller_of(name, moving, watch)
+
+
+@cache
+def _controller_of(name: str, moving: bool, watch: fh.Supervision | None) -> fh.Controller:
     return elastic_controller(robot_of(name), moving, watch)
 
 
@@ -71,14 +75,11 @@ def elastic_controller(
     ],
 )  # fmt: skip
 def test_the_rest_in_c_is_the_operating_point_of_the_robot(
-    name: str, real: str, compiler: str, tmp_path: Path
+    name: str, real: str, compiler: str, export_of: Callable[..., Path]
 ) -> None:
     """At random poses, with payloads as parameters, and where positions are replaced in place."""
     robot, one = robot_of(name), controller_of(name)
-    folder, kind = (
-        fh.export_c(one, tmp_path / "c", "arm", real),
-        {"double": np.float64, "float": np.float32}[real],
-    )
+    folder, kind = export_of(one, real), {"double": np.float64, "float": np.float32}[real]
     (folder / "shim.c").write_text(SHIM)
     subprocess.run([compiler, *STRICT, "-c", "main.c", "-o", "out.o"], cwd=folder, check=True)
     words = (*STRICT, "-O0", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so")
@@ -122,11 +123,11 @@ void brake(int code) { printf("code %d\\n", code); }
 @pytest.mark.ci("builds the main program of an export")
 @pytest.mark.parametrize(("pose", "off"), [(None, 0), ((-0.7, 0.9), 20)])
 def test_the_main_program_rests_at_the_start_until_there_is_a_command(
-    pose: Any, off: int, compiler: str, tmp_path: Path
+    pose: Any, off: int, compiler: str, export_of: Callable[..., Path]
 ) -> None:
     """The weight is held; zeros behind the positions would ask for another motion. Where the robot was moved while its
     drives were off, it is held where it is measured, from the sample on at which they are enabled."""
-    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    folder = export_of(controller_of("planar-two-link"))
     x, u = robot_of("planar-two-link").operating_point(pose)
     at = ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])
     (folder / "board.c").write_text(BOARD.replace("AT", at).replace("OFF", str(off)))
@@ -170,11 +171,11 @@ int main(void) { for (;;) { wait_for_sample(); tick(); } }
 
 @pytest.mark.ci("builds three programs around an export")
 def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled(
-    compiler: str, needs_compiler: Callable[..., None], tmp_path: Path
+    compiler: str, needs_compiler: Callable[..., None], export_of: Callable[..., Path]
 ) -> None:
     """The sketch, the task and the interrupt asked nothing, and drove the robot back to where they believed it."""
     needs_compiler("g++")
-    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    folder = export_of(controller_of("planar-two-link"))
     x, u = robot_of("planar-two-link").operating_point((-0.7, 0.9))
     board = BOARD.replace("AT", ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])).replace(
         "OFF", "20"
@@ -207,9 +208,11 @@ def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled
 
 
 @pytest.mark.ci("an export with its test vector")
-def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler: Callable[..., None]) -> None:
+def test_the_sketch_of_a_moving_command_compiles(
+    export_of: Callable[..., Path], tmp_path: Path, needs_compiler: Callable[..., None]
+) -> None:
     needs_compiler("g++")
-    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    folder = export_of(controller_of("planar-two-link"))
     sketch = (folder / "templates/arm.ino").read_text()
     (folder / "sketch.cpp").write_text(ARDUINO + sketch)
     words = ("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", "sketch.cpp")
@@ -228,12 +231,12 @@ def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> Non
     assert "arm_rest" not in said
 
 
-@pytest.mark.ci("records a test vector")
+@pytest.mark.ci("an export that others share")
 @pytest.mark.parametrize("moving", [True, False])
-def test_it_is_said_what_a_command_is(moving: bool) -> None:
-    files = controller_files(controller_of("planar-two-link", moving), "arm")
+def test_it_is_said_what_a_command_is(moving: bool, export_of: Callable[..., Path]) -> None:
+    folder = export_of(controller_of("planar-two-link", moving))
     for name in ("README.md", "arm.h"):
-        said = files[name].replace("\n * ", " ")
+        said = (folder / name).read_text(encoding="utf-8").replace("\n * ", " ")
         motion = (
             "positions alone",
             "arm_rest",
@@ -245,8 +248,9 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
         assert unnamed(said, *(motion if moving else ("positions", "jump"))) == []
         assert "arm_rest" in said
     begins = ("moves", "by default") if moving else ("step of the design",)
-    assert unnamed(files["README.md"].partition("`arm_init` believes")[2][:200], *begins) == []
-    home = re.search(r"home\[\] = \{(.*)\};", files["main.c"])
+    readme = (folder / "README.md").read_text(encoding="utf-8")
+    assert unnamed(readme.partition("`arm_init` believes")[2][:200], *begins) == []
+    home = re.search(r"home\[\] = \{(.*)\};", (folder / "main.c").read_text(encoding="utf-8"))
     assert home is not None
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
 
@@ -254,9 +258,9 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
 @pytest.mark.ci("an export with its test vector")
 @pytest.mark.parametrize("moving", [True, False])
 def test_the_first_example_compiles_and_the_header_warns_first(
-    moving: bool, compiler: str, tmp_path: Path
+    moving: bool, compiler: str, export_of: Callable[..., Path]
 ) -> None:
-    folder = fh.export_c(controller_of("planar-two-link", moving), tmp_path / "c", "arm")
+    folder = export_of(controller_of("planar-two-link", moving))
     begin = (folder / "arm.h").read_text().partition("degree of V")[0]
     assert unnamed(begin, "10 numbers", "arm_rest") == ([] if moving else ["10 numbers", "arm_rest"])
     block = re.search(r"(?:^ {4}.*\n|^\n)+(?=^`main.c`)", (folder / "README.md").read_text(), re.MULTILINE)
@@ -284,16 +288,17 @@ def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> No
 
 
 @pytest.mark.ci("records two test vectors")
-def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
+def test_signals_of_motors_are_said_to_be_those_at_the_joint(export_of: Callable[..., Path]) -> None:
     """By the gear ratios of the robot's file, of 100 and 7; without them after the gear."""
     robot = robot_of("planar-two-link").with_values({"gear_ratio_elbow": 7.0})
     one = controller_of("planar-two-link")
-    known, unknown = (controller_files(one, "arm", robot=given) for given in (robot, None))
+    known, folder = controller_files(one, "arm", robot=robot), export_of(one)
     for name in ("README.md", "arm.h"):
         assert unnamed(known[name], "angle / 100", "speed / 7") == []
         assert "V at" not in known[name]
-        assert unnamed(unknown[name].replace("\n * ", " "), "the gear", "gear ratio") == []
-        assert unnamed(unknown[name], "angle / 100", "speed / 7") == ["angle / 100", "speed / 7"]
+        unknown = (folder / name).read_text(encoding="utf-8")
+        assert unnamed(unknown.replace("\n * ", " "), "the gear", "gear ratio") == []
+        assert unnamed(unknown, "angle / 100", "speed / 7") == ["angle / 100", "speed / 7"]
 
 
 @pytest.mark.ci("records two test vectors")

@@ -19,7 +19,6 @@ import pytest
 from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
-from flexhinf.export import export_c
 from flexhinf.robot import MuJoCoPlant
 
 yaml = pytest.importorskip("yaml")
@@ -44,6 +43,7 @@ def arm_controller(latency: int = 0, measured: str = "link_position", **options:
     return fh.Controller(law, ekf, PERIOD, 48.0, latency=latency, **options)
 
 
+@cache
 def workspace_controller() -> fh.Controller:
     box = fh.Supervision(workspace=([-1.0, -1.0], [0.3, 1.0]), reactions={"workspace": "brake"})
     return controller_of("planar-two-link", watch=box)
@@ -122,31 +122,33 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield f"{before}{name}", value
 
 
-def built(
-    folder: Path, controller: fh.Controller, version: str = "HUMBLE", robot: fh.Robot | None = None
-) -> tuple[ctypes.CDLL, Path]:
-    """A controller's package in a shared library, with the manager's part, and its folder."""
+@cache
+def no_estimator() -> fh.Controller:
+    return fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
+
+
+def built(folder: Path, version: str = "HUMBLE") -> tuple[ctypes.CDLL, Path]:
+    """The package of an exported controller in a shared library, with the manager's part, and its folder."""
     if shutil.which("g++") is None or shutil.which("gcc") is None:
         pytest.skip("missing: g++")
-    package = export_c(controller, folder / "c", "arm", robot=robot) / "ros2"
+    package, objects = folder / "ros2", []
     own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
-    objects = []
     for source in (HERE / "manager.cpp", *(package / "src").glob("*.c*")):
-        objects.append(folder / f"{source.stem}.o")
+        objects.append(folder.parent / f"{source.stem}.o")
         c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
         words = c if source.suffix == ".c" else ("g++", *STRICT, *VERSIONS[version], *own)
         subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
-    subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
-    return ctypes.CDLL(str(folder / "controller.so")), package
+    subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder.parent / "controller.so"], check=True)
+    return ctypes.CDLL(str(folder.parent / "controller.so")), package
 
 
 @pytest.fixture(scope="module")
-def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[[], Manager]]:
+def managed(export_of: Callable[..., Path]) -> Callable[..., Callable[[], Manager]]:
     """Exports and builds a controller's package; makes new managers of it."""
 
     @cache
     def build(controller: fh.Controller, version: str = "HUMBLE") -> Callable[[], Manager]:
-        library, package = built(tmp_path_factory.mktemp("ros2"), controller, version)
+        library, package = built(export_of(controller), version)
         return lambda: Manager(library, package)
 
     return build
@@ -202,14 +204,14 @@ def assert_near(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) ->
         ("ROLLING", "clang++", "double", "workspace"), ("ROLLING", "g++", "double", "no estimator"),
     ],
 )  # fmt: skip
-def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tmp_path: Path) -> None:
+def test_no_compiler_warns(
+    version: str, compiler: str, real: str, kind: str, export_of: Callable[..., Path], tmp_path: Path
+) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"missing: {compiler}")
-    made = {"estimator": arm_controller, "workspace": workspace_controller}.get(
-        kind, lambda: fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
-    )
+    made = {"estimator": arm_controller, "workspace": workspace_controller, "no estimator": no_estimator}
     robot = robot_of("planar-two-link") if kind == "workspace" else None
-    package = export_c(made(), tmp_path / "c", "arm", real, robot=robot) / "ros2"
+    package = export_of(made[kind](), real, robot) / "ros2"
     own = (f"-I{package / 'include'}", f"-I{package / 'src'}", *VERSIONS[version])
     for source in (*(package / "src").glob("*.cpp"), HERE / "manager.cpp"):
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,12 +28,11 @@ JAZZY = pytest.param("JAZZY", marks=pytest.mark.nightly("one more package; ROLLI
 
 
 @pytest.mark.parametrize("version", ["HUMBLE", JAZZY, "ROLLING"])
-def test_another_controller_commands_the_arm(version: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_another_controller_commands_the_arm(version: str, export_of: Callable[..., Path]) -> None:
     """As joint_trajectory_controller does above it: positions and velocities each sample, then velocities alone. What
     nobody commands stays, a jump is refused, and messages are refused meanwhile. Above it the path rate is read."""
-    library, package = built(
-        tmp_path_factory.mktemp("chained"), workspace_controller(), version, robot_of("planar-two-link")
-    )
+    code = export_of(workspace_controller(), "double", robot_of("planar-two-link"))
+    library, package = built(code, version)
     one = Session(Manager(library, package))
     assert one.manager("deactivate") == 0
     assert one.manager("export_references") == 4

@@ -413,10 +413,10 @@ RUNS: dict[str, Callable[[Make], Any]] = {
 
 
 @pytest.fixture(scope="module", params=["HUMBLE"])
-def make(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Make:
+def make(request: pytest.FixtureRequest, export_of: Callable[..., Path]) -> Make:
     """Sessions of one package."""
-    robot = robot_of("planar-two-link")
-    library, package = built(tmp_path_factory.mktemp("ros2"), workspace_controller(), request.param, robot)
+    code = export_of(workspace_controller(), "double", robot_of("planar-two-link"))
+    library, package = built(code, request.param)
     return lambda **parameters: Session(Manager(library, package), **parameters)
 
 
