@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 _PLACE = "<!-- made by the build: live pages -->"
 
-#: The arms: a title, and the design whose page is shown. A robot file lies beside this one. The words of the catalogue's
-#: robots are those of a command of the documentation, so that a run of CI makes each design once.
+#: The arms: a title, and the design whose page is shown. A robot file lies beside this one. Other words are those of a
+#: command of the documentation, so that a run of CI makes each of these designs once.
 ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "two-links": (
         "Two links, one controller for the whole workspace",
@@ -28,7 +28,22 @@ ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "paper": (
         "One link, lifted against gravity",
-        tuple("paper --pose 90deg --start 0 --preset damped --degrees 2 --draws 0 --out arm".split()),
+        (
+            *(
+                "paper",
+                "--pose",
+                "90deg",
+                "--start",
+                "0",
+                "--preset",
+                "damped",
+                "--degrees",
+                "2",
+                "--draws",
+                "0",
+            ),
+            *("--out", "arm"),
+        ),
     ),
 }
 
