@@ -1,8 +1,8 @@
 """Random words for the command line: exit codes 0, 1 and 2 only, no traceback, few lines on standard error.
 
 What the options say is checked in full; the design, the comparison, proofs, the paper's experiments, the filter over a
-log and the search for numbers in it are replaced by a stop, so that an attempt takes milliseconds. A few designs of a small
-robot, and a few short logs, run whole. What is refused leaves nothing behind.
+log and the search for numbers in it are replaced by a stop, so that an attempt takes milliseconds. A few designs of a
+small robot, and a few short logs, run whole. What is refused leaves nothing behind.
 """
 
 from __future__ import annotations

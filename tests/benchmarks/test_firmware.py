@@ -103,7 +103,9 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
 TOOLS = {"x86-64": ("gcc", "valgrind"), "Cortex-M4F": ("arm-none-eabi-gcc", "qemu-system-arm")}
 
 
-@pytest.mark.nightly("counts every instruction of a run; tests/export/test_cortex_m4.py runs one on that machine in CI")
+@pytest.mark.nightly(
+    "counts every instruction of a run; tests/export/test_cortex_m4.py runs one on that machine in CI"
+)
 @pytest.mark.parametrize("program", ["", "CasADi", "Observer", "ADMM"])
 @pytest.mark.parametrize("machine", TOOLS)
 def test_a_row_measured_again(machine: str, program: str) -> None:

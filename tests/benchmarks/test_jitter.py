@@ -75,7 +75,9 @@ def test_percentiles_of_a_few_steps(module: Any) -> None:
     assert gc.isenabled()
 
 
-@pytest.mark.parametrize("robot", ci_and_night("designs, and compiles a library", ["planar-two-link"], ["seven-link"]))
+@pytest.mark.parametrize(
+    "robot", ci_and_night("designs, and compiles a library", ["planar-two-link"], ["seven-link"])
+)
 @pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="missing: gcc, or Linux")
 def test_a_step_calls_malloc_never(robot: str, module: Any, capsys: pytest.CaptureFixture[str]) -> None:
     module.main(["--robot", robot, "--degree", "2", "--steps", "100", "--counted-steps", "500"])

@@ -56,10 +56,17 @@ def test_a_drive_has_the_interface_of_what_it_takes(drive: str) -> None:
     law = linear_law(plant := robot.plant(), np.zeros((2, len(plant.states))))
     code = code_of(fh.Controller(law, None, PERIOD, 1.0), "arm", "double", robot)
     parameters = render_c(
-        "ros2/controller.yaml", "arm", code.real, **code.values, follows=False, **ros2_values(code, np.zeros(2))
+        "ros2/controller.yaml",
+        "arm",
+        code.real,
+        **code.values,
+        follows=False,
+        **ros2_values(code, np.zeros(2)),
     )
     inputs = yaml.safe_load(parameters)["arm_controller"]["ros__parameters"]["inputs"]
-    assert [group["interface"] for group in inputs.values()] == [f"{joint}/{drive}" for joint in robot.joint_names]
+    assert [group["interface"] for group in inputs.values()] == [
+        f"{joint}/{drive}" for joint in robot.joint_names
+    ]
 
 
 class Twins(fh.Law):

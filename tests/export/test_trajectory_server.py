@@ -161,7 +161,9 @@ NIGHTLY = {
 @pytest.mark.parametrize(
     "case",
     [
-        pytest.param(case, marks=[pytest.mark.nightly("one more path of the same end")] * (case.name in NIGHTLY))
+        pytest.param(
+            case, marks=[pytest.mark.nightly("one more path of the same end")] * (case.name in NIGHTLY)
+        )
         for case in ROWS
     ],
     ids=lambda case: case.name,
