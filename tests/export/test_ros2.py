@@ -35,6 +35,8 @@ ARM = fh.paper_arm()
 VERSIONS = {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}
 STRICT = ("-std=c++17", "-O0", "-fPIC", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{HERE / 'stubs'}")
 
+no_estimator = cache(lambda: fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0))
+
 
 @cache
 def arm_controller(latency: int = 0, measured: str = "link_position", **options: Any) -> fh.Controller:
@@ -120,11 +122,6 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield from flat(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
-
-
-@cache
-def no_estimator() -> fh.Controller:
-    return fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
 
 
 def built(folder: Path, version: str = "HUMBLE") -> tuple[ctypes.CDLL, Path]:

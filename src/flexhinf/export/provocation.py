@@ -23,9 +23,9 @@ from flexhinf.export.recording import (
     MISSING,
     Provocation,
     Recording,
-    go_back,
+    copied_history,
     history_of,
-    remembered,
+    restore_history,
 )
 from flexhinf.loop import Controller
 
@@ -241,7 +241,7 @@ def _tried(
             if (rows == 1 and not exact) or (not measured and not controller.gaps):
                 continue
             more, ended = longer(trial, memory, rows, measured), False
-            before = [remembered(each) for each in going]
+            before = [*map(copied_history, going)]
             with suppress(NumericalFailure):
                 codes = [more.feed_to(each, len(one.y)).codes for each in going]
                 alike = all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0])
@@ -249,8 +249,8 @@ def _tried(
                 ended = True
                 if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
                     one, missing, before = more, counts[-1], []
-            for each, memories in zip(going, before):
-                go_back(each, memories)
+            for each, copied in zip(going, before):
+                restore_history(each, copied)
             if ended and rows > 1:
                 break
     return one

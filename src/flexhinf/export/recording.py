@@ -70,7 +70,7 @@ class Provocation:
         fresh, numbers = going.fresh(), np.array(self.numbers)
         numbers[list(self.noise)] = 0.0
         fresh.data_vector = read_only(numbers)
-        go_back(fresh, remembered(going))
+        restore_history(fresh, copied_history(going))
         return fresh
 
     def answered(self, controller: Controller) -> Recording:
@@ -228,15 +228,15 @@ def history_of(controller: Controller) -> StateHistory:
     return controller._history  # pyright: ignore[reportPrivateUsage]
 
 
-def remembered(controller: Controller) -> dict[str, object]:
+def copied_history(controller: Controller) -> dict[str, object]:
     """A copy of all that it remembers."""
     return deepcopy(vars(history_of(controller)))
 
 
-def go_back(controller: Controller, memories: Mapping[str, object]) -> None:
-    """Let a controller go on from what was `remembered`, in the arrays that its compiled step writes."""
+def restore_history(controller: Controller, copied: Mapping[str, object]) -> None:
+    """Let a controller go on from a `copied_history`, in the arrays that its compiled step writes."""
     history = history_of(controller)
-    for name, value in memories.items():
+    for name, value in copied.items():
         if isinstance(value, np.ndarray):
             getattr(history, name)[:] = value
         else:
