@@ -159,7 +159,7 @@ def _row(
             "note": note}  # fmt: skip
 
 
-def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]:
+def campaigns(plants: int, steps: int, repetitions: int, robots: int) -> list[dict[str, Any]]:
     """The paper's arm: ours on one and two threads, then each peer, in turns."""
     arm = PaperArm(plants, steps)
     single, accurate = arm.ensemble(1), arm.ensemble(None)
@@ -196,7 +196,7 @@ def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]
             f"; results agree to {agreed[name]:.0e}" if name in agreed else ""
         )
         rows.append(_row(name, t[name], f"ours >= {least:,.0f} x", ratio >= least, note))
-    rows += [*_limit(work, t["one thread"]), _memory(arm), *end_to_end(arm, 40_000, 500, repetitions)]
+    rows += [*_limit(work, t["one thread"]), _memory(arm), *end_to_end(arm, robots, 500, repetitions)]
     return rows
 
 
@@ -404,12 +404,14 @@ def main() -> None:
     parser.add_argument("--plants", type=int, default=10_000)
     parser.add_argument("--steps", type=int, default=10_000)
     parser.add_argument("--repetitions", type=int, default=5)
+    parser.add_argument("--robots", type=int, default=40_000, help="of a whole campaign, drawn and kept")
     parser.add_argument("--rival", action="store_true", help="only one thread beside numba's best loop")
     given = parser.parse_args()
     if given.rival:
         rows = rival(given.plants, given.steps, given.repetitions)
     else:
-        rows = [*campaigns(given.plants, given.steps, given.repetitions), *single_run(given.steps)]
+        rows = campaigns(given.plants, given.steps, given.repetitions, given.robots)
+        rows += single_run(given.steps)
         rows += seven_links(max(16, given.plants // 100), max(100, given.steps // 50), given.repetitions)
     table = Table("what", "plant-steps/s", "best", "target", "met", "note")
     for row in rows:

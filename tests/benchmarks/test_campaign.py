@@ -48,6 +48,8 @@ def test_the_whole_in_small(repository, tmp_path):
         "200",
         "--repetitions",
         "1",
+        "--robots",
+        "400",
     ]
     environment = {
         "PYTHONPATH": f"{repository}/src:{repository}",

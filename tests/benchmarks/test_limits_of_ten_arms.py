@@ -16,6 +16,7 @@ from benchmarks.limits.trials import WITHIN
 from benchmarks.workspace.arm import LATENCY, PERIOD, Arm, damped
 from benchmarks.workspace.goals import quintic
 from tests.builders import joint_text
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
@@ -37,6 +38,8 @@ NAMES = (
     *HARDWARE,
     "rail",
 )
+#: Two joints, three of a file of its own, a load on a pallet, and one that slides.
+BY_DAY = ("planar-two-link", "hardware-spatial", "pallet", "rail")
 
 
 def on_a_rail() -> str:
@@ -160,8 +163,14 @@ def driven(one: Case, controller: fh.Controller, brakes: bool) -> dict[str, Any]
 
 
 @pytest.mark.oracle
-@pytest.mark.ci("compiles ten controllers, and drives each arm twice in MuJoCo")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name",
+    ci_and_night(
+        "compiles a controller, and drives an arm twice in MuJoCo",
+        BY_DAY,
+        [n for n in NAMES if n not in BY_DAY],
+    ),
+)
 def test_motors_that_saturate_at_once_come_back_slowly(name: str, tmp_path: Path) -> None:
     """Brakes hold every motor in mid-move while all commands jump and the drives give less than the controller knows:
     three quarters of the motors or more are at their limits at one instant. The same with an obstacle, from which a
