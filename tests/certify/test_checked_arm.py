@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.certify import Certificate
@@ -17,7 +16,10 @@ from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 
 
-@pytest.mark.parametrize("goal", ci_and_night("searches the largest level of a law of degree 4", [90], [180]))
+@pytest.mark.nightly(
+    "searches the largest level of a law of degree 4; tests/cli/test_certify.py has degree 2"
+)
+@pytest.mark.parametrize("goal", [90, 180])
 def test_what_the_search_proves_is_proved_again_for_the_paper_s_arm(goal: int) -> None:
     """13 s of CPU each."""
     arm = fh.paper_arm()
