@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import casadi
@@ -14,6 +14,7 @@ from tests.codegen.test_polynomials import CASES, program as polynomial
 from tests.codegen.test_statements import TURN, factored, mapped, reflected, subtracted, summed
 from tests.in_c import in_c
 from tests.interpreter import interpret
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.codegen import (
@@ -36,6 +37,8 @@ from flexhinf.codegen.program import Normal, Step
 from flexhinf.export.controller_c import code_of
 
 LANES = (1, 2, 3, 8, 16)
+#: Alone, not a power of two, and the most.
+FEWER = (1, 3, 16)
 
 #: Arguments of each operation: pairs, and angles beyond what sine and cosine reduce themselves.
 POINTS = np.array([(x, y) for x in (*NASTY, 1e5, -3e9) for y in (*NASTY[::3], 1.0, 7.5)])
@@ -133,7 +136,10 @@ def draws(name: str, program: Program, seed: int) -> dict[str, np.ndarray]:
 
 
 def equal_in_every_way(
-    programs: Mapping[str, Program], folder: Path, given: Mapping[str, list[dict[str, np.ndarray]]]
+    programs: Mapping[str, Program],
+    folder: Path,
+    given: Mapping[str, list[dict[str, np.ndarray]]],
+    numbers: Sequence[int],
 ) -> None:
     """Runs of each program in C, of one column or eight side by side, and in machine code: equal bits."""
     for fused in (False, True):
@@ -146,7 +152,7 @@ def equal_in_every_way(
             assert compiled[8](name, side_by_side) == codes[0]
             for key in written:
                 assert same(side_by_side[key], expected[0][key]).all(), (name, fused, key)
-            for lanes in LANES:
+            for lanes in numbers:
                 shared = {b.name for b in program.buffers if b.shared}
                 arrays = {
                     key: given[name][0][key].copy()
@@ -161,11 +167,14 @@ def equal_in_every_way(
                     assert same(arrays[key], wanted).all(), (name, fused, lanes, key)
 
 
-@pytest.mark.ci("compiles a program of each kind of step in five numbers of lanes and as C, fused and not")
-def test_every_kind_of_step_has_equal_bits(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "numbers",
+    ci_and_night("compiles a program of each kind of step as C too, fused and not", [(FEWER,)], [(LANES,)]),
+)
+def test_every_kind_of_step_has_equal_bits(numbers: Sequence[int], tmp_path: Path) -> None:
     programs = of_steps()
     given = {name: [draws(name, one, seed) for seed in range(16)] for name, one in programs.items()}
-    equal_in_every_way(programs, tmp_path, given)
+    equal_in_every_way(programs, tmp_path, given, numbers)
     kinds = {type(step) for program in programs.values() for step, _ in program.steps()}
     assert set(Step.__args__) - kinds == {Normal}  # which only simulations have
 
@@ -198,7 +207,7 @@ def test_steps_of_controllers_have_equal_bits(name: str, tmp_path: Path) -> None
             arrays["y"][:] = 0.02 * rng.standard_normal(len(arrays["y"]))
             arrays["r"][:] = 0.02
             given[form].append(arrays)
-    equal_in_every_way(programs, tmp_path, given)
+    equal_in_every_way(programs, tmp_path, given, LANES)
 
 
 @pytest.mark.oracle
