@@ -155,7 +155,9 @@ def test_any_number_of_processes_makes_the_same_design(robot_of: Named) -> None:
     np.testing.assert_equal(*found)
 
 
-@pytest.mark.ci("designs for a pose twice")
+@pytest.mark.nightly(
+    "designs for a pose twice; tests/design/synthesis/test_noise.py searches its noise twice"
+)
 def test_any_number_of_processes_makes_the_same_design_of_a_pose(robot_of: Named) -> None:
     wanted, found = fh.Specification(pose=np.pi / 2, start=0.0, measured=("motor_position",), draws=2), []
     for count in (1, 2):
