@@ -11,6 +11,7 @@ import pytest
 from tests.identification.test_likelihood import sought
 from tests.logs import arm_log, linear_log, oscillator
 from tests.refusals import refused_with, unnamed
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -39,8 +40,10 @@ def found(arm, log, **options):
     return fh.identify(guess, log, NAMES, measured=SENSORS, **options)
 
 
-@pytest.mark.ci("identifies an arm with every signal at other times")
-@pytest.mark.parametrize(("signal", "samples"), [(0, 1), (0, 3), (1, 2)])
+@pytest.mark.parametrize(
+    ("signal", "samples"),
+    ci_and_night("identifies an arm with every signal at other times", [(1, 2)], [(0, 1), (0, 3)]),
+)
 def test_a_late_sensor_is_named_and_its_delay_may_be_stated(arm, signal, samples):
     """Friction and disturbances explain it so well that innovations are white: that is no fit."""
     times, u, y = arm_log(arm, count=1200, measured=SENSORS)
@@ -112,8 +115,7 @@ def test_what_is_advised_for_other_times_can_be_done(arm, signal, samples, late,
     assert not re.search(r"=?-\d|larger|smaller", advice)
 
 
-@pytest.mark.ci("identifies logs of an arm")
-@pytest.mark.parametrize("samples", [1, 3, -1])
+@pytest.mark.parametrize("samples", ci_and_night("identifies logs of an arm", [1, -1], [3]))
 def test_an_input_that_acts_later_or_earlier_is_named(arm, samples):
     times, u, y = arm_log(arm, count=2000, measured=SENSORS)
     wrong = found(arm, (times, np.roll(u, -samples), y))
@@ -152,8 +154,7 @@ def test_an_input_that_is_not_held_is_named():
     assert (wrong.alternative.signal, wrong.alternative.kind) == ("force", "moving")
 
 
-@pytest.mark.ci("identifies logs of an arm")
-@pytest.mark.parametrize("noise", [1e-6, 1e-3, 1e-2])
+@pytest.mark.parametrize("noise", ci_and_night("identifies logs of an arm", [1e-3], [1e-6, 1e-2]))
 def test_a_right_model_fits_the_log_of_a_coarse_encoder(arm, noise):
     """2048 counts a turn; noise far below a count, near it, and above it."""
     times, u, y = arm_log(arm, seed=3, count=1500, noise=noise, measured=SENSORS)

@@ -84,9 +84,9 @@ def disturbed_logs(robot, motion, seed, count, level=0.002, noise=1e-4, parts=4)
 @pytest.mark.parametrize(
     ("seed", "count", "share"),
     [
-        pytest.param(0, 24, 0.8, marks=pytest.mark.ci("identifies 24 logs of an arm")),
+        pytest.param(0, 12, 0.8, marks=pytest.mark.ci("identifies 12 logs of an arm")),
         *(
-            pytest.param(seed, 200, 0.92, marks=pytest.mark.nightly("200 logs of an arm; 24 in `make ci`"))
+            pytest.param(seed, 200, 0.92, marks=pytest.mark.nightly("200 logs of an arm; 12 in `make ci`"))
             for seed in (0, 1)
         ),
     ],

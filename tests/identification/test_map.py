@@ -84,7 +84,7 @@ def test_a_map_that_is_the_plant_s_step_has_the_plant_s_numbers():
     assert found.noise["load"] * np.sqrt(PERIOD) == pytest.approx(peer.noise["load"], rel=0.05)
 
 
-@pytest.mark.parametrize("logs", ci_and_night("identifies so many logs", [60], [200]))
+@pytest.mark.parametrize("logs", ci_and_night("identifies so many logs", [40], [200]))
 def test_intervals_of_a_map_hold_the_truth(logs):
     inside = []
     for seed in range(logs):
