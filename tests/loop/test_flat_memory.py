@@ -17,7 +17,7 @@ from flexhinf.plant import Plant
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
-NUMBERS = pytest.mark.parametrize("number", ci_and_night("so many designs", [50], [200]))
+NUMBERS = pytest.mark.parametrize("number", ci_and_night("so many designs", [30], [200]))
 
 GRAVITY = 9.81
 
