@@ -25,7 +25,7 @@ SCREENS = 8
 #: Designs as `flexhinf design` makes them, of one pose and of a workspace: robot and specification.
 DESIGNS: dict[str, tuple[str, dict[str, Any]]] = {
     "workspace": ("paper", {}),
-    "two links": ("planar-two-link", {"pose": [0.6, 0.4], "draws": 20}),
+    "two links": ("planar-two-link", {"pose": [0.6, 0.4], "draws": 2, "degrees": (2,)}),
     "workspace of two links": ("planar-two-link", {}),
     "no length": ("quanser-rotflex", {"pose": [1.0], "draws": 20}),
 }
