@@ -140,7 +140,7 @@ def sentences(module: ast.Module) -> set[str]:
     return {text for text in found if not any(text in own for own in inside)}
 
 
-@pytest.mark.costs("parses every file of tests")
+@pytest.mark.ci("parses every file of tests")
 def test_tests_look_for_no_sentence(repository: Path) -> None:
     """But for the commands of the docs, which are compared as they are printed."""
     files = [file for file in (repository / "tests").rglob("test_*.py") if file.parent.name != "docs"]

@@ -59,7 +59,7 @@ def program(text: str) -> tuple[str, str]:
     return "-c", textwrap.dedent(text)
 
 
-@pytest.mark.costs("the help of three commands in a process of its own")
+@pytest.mark.ci("the help of three commands in a process of its own")
 def test_the_help_names_what_is_added(run: Run) -> None:
     done = run(*program("""
         from flexhinf.cli import main

@@ -32,7 +32,7 @@ COUNTED = ("size", "counts")
 
 
 @pytest.mark.costs("benchmarks make their tables in processes of their own")
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("name", [name for name in MAKE["QUICK"] if name not in COUNTED])
 def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
     page = repository / MAKE["QUICK"][name][0]
@@ -42,6 +42,7 @@ def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
         assert figure.read_text(encoding="utf-8") == drawn, f"run: python docs/make.py {name}"
 
 
+@pytest.mark.ci("parses the rooms that numbers pass through")
 def test_numbers_are_followed_through_code_that_passes_them_on(repository: Path) -> None:
     assert runpy.run_path(str(repository / "docs" / "followed.py"))["broken"]() == []
 
