@@ -82,7 +82,7 @@ def run(controller: fh.Controller, held: slice, load: float = 0.0, seconds: floa
 HELD, NEVER = slice(1200, 1700), slice(0, 0)
 
 
-@pytest.mark.costs("two moves of six seconds in Python")
+@pytest.mark.ci("two moves of six seconds in Python")
 def test_an_arm_that_is_held_and_let_go_comes_back_slowly_and_says_what_happened() -> None:
     """In the middle of a move somebody holds both joints for half a second; the program that makes the command does not
     read the path rate."""

@@ -99,7 +99,7 @@ def arm(request: pytest.FixtureRequest, made: Any) -> Arm:
     return Arm(made.LinearLaw, chain(inertias, coupling), effort)
 
 
-@pytest.mark.quick_cases(8)
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("what", ["brakes", "jump", "undersized", "stops", "back"])
 def test_all_motors_at_their_limits_at_once(arm: Arm, what: str) -> None:
     """All joints are commanded elsewhere at once: with brakes closed for half a second at a random instant, as they

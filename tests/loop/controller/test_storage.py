@@ -145,6 +145,7 @@ def test_a_schedule_options_and_a_run_return(tmp_path: Path) -> None:
     assert (names.outputs, names.units, names.limits) == (other.outputs, other.units, other.limits)
 
 
+@pytest.mark.ci("compiles a controller, and it from its files")
 def test_the_input_before_the_first_measurement_returns_and_a_file_without_it_has_the_default(
     tmp_path: Path,
 ) -> None:
