@@ -161,6 +161,7 @@ def test_its_vibrations_are_those_of_the_absolute_angles(tmp_path: Path) -> None
     np.testing.assert_allclose(lost, 1e-3 * (0.3 + 0.1 * np.diag(K) * 1e-3) / np.diag(J), rtol=1e-9)
 
 
+@pytest.mark.ci("compiles the law and the filter of pairs")
 @pytest.mark.oracle
 def test_the_law_and_the_filter_of_pairs_see_the_absolute_angles(tmp_path: Path) -> None:
     robot, q = belt(tmp_path), np.array([0.3, -0.7])

@@ -60,11 +60,12 @@ def robot_of(write):
     return load
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("drive", "share", "gains", "rigid"),
     [
-        ("velocity", 1.0, False, False), ("velocity", 0.0, True, False), ("position", 1.0, True, True),
+        ("velocity", 0.0, True, False), ("velocity", 1.0, False, False), ("position", 1.0, True, True),
         ("position", 0.4, False, False), ("position", 0.0, False, False),
     ],
 )  # fmt: skip

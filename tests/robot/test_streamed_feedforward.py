@@ -92,7 +92,8 @@ def test_position_with_offsets_says_the_same_as_the_command(robot, feedforward):
     assert by_command == pytest.approx(rows.motor_torque, rel=1e-9, abs=1e-8)
 
 
-@pytest.mark.parametrize("shaper", [False, True])
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("shaper", [True, False])
 def test_c_and_rows_are_those_of_python(feedforward, tmp_path, shaper):
     path = move([0.0, 0.1], [0.5, 1.0], 0.3, 0.2)
     folder = export_feedforward(feedforward, tmp_path / "code", "arm", path, shaper=shaper)
@@ -143,7 +144,8 @@ def test_what_does_not_fit_is_refused_and_the_advice_works(robot, feedforward, t
     assert (tmp_path / "full" / "mine").exists()
 
 
-@pytest.mark.parametrize(("limit", "key"), [("command", "effort_limit"), ("torque", "drive_torque_limit")])
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(("limit", "key"), [("torque", "drive_torque_limit"), ("command", "effort_limit")])
 def test_a_path_beyond_what_drives_give_is_refused_and_c_says_so(robot, tmp_path, needs_compiler, limit, key):
     """The second motor gives a little less than the path asks for; with as much, Python and C take it."""
     path = move([0.0, 0.0], [0.0, 1.0], 0.3, 0.2)
