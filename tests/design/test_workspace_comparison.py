@@ -150,7 +150,7 @@ def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
 
 
 @pytest.mark.oracle
-@pytest.mark.costs("setups of three robots")
+@pytest.mark.ci("setups of three robots")
 def test_a_drive_of_its_own_has_the_loops_of_a_motor_of_torques() -> None:
     """Of a rival that gives torques: the inner loop counts as a part of its gains."""
     s = fh.Specification(measured=BOTH, workspace="limits")

@@ -549,8 +549,7 @@ def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: 
     assert [line for line in prepared.requirements(run) if not line.met] == []
 
 
-@pytest.mark.costs("a design of its own")
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("a design of its own")
 @pytest.mark.parametrize("kind", ["pose", "move"])
 def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(kind: str) -> None:
     """Half a second of motion, the shortest, then a whole one of rest: what remains is judged, not by the travel."""

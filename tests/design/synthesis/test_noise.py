@@ -66,7 +66,7 @@ def test_noise_levels_are_searched_until_the_loop_margins_keeps_its_margins(
     assert chosen.feasible
 
 
-@pytest.mark.costs("searches of weights and noise levels, which other tests share")
+@pytest.mark.ci("searches of weights and noise levels, which other tests share")
 def test_stated_noise_levels_are_not_searched(soft: Any) -> None:
     robot, _ = soft
     stated = replace(ASKED, torque_noise=3e-7)
