@@ -58,7 +58,7 @@ def log_of(rows, late):
 
 
 @pytest.mark.oracle
-@pytest.mark.costs("two identifications of one joint")
+@pytest.mark.ci("two identifications of one joint")
 def test_bandwidth_and_damping_are_those_of_the_loop_and_a_delay_is_named(rows):
     guess = servo({"drive_bandwidth": 2.0 * np.pi * 14.0, "drive_damping_ratio": 0.6})
     found = fh.identify(guess, log_of(rows, LATE), tuple(LOOP))
