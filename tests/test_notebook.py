@@ -75,7 +75,7 @@ def test_a_robot_shows_its_arm_below_its_table() -> None:
     assert "<img" not in fh.load_robot("quanser-rotflex")._repr_html_()  # links without a length
 
 
-@pytest.mark.costs("a design of one pose")
+@pytest.mark.ci("a design of one pose")
 def test_a_design_shows_its_step() -> None:
     quick: dict[str, Any] = {
         "degrees": (2,),
@@ -110,7 +110,7 @@ def test_every_public_class_has_a_text_of_its_own() -> None:
 STATED = [each for each in PUBLIC if issubclass(each, StatedRepr)]
 
 
-@pytest.mark.costs("a robot's models, and a follower")
+@pytest.mark.ci("a robot's models, and a follower")
 def test_what_a_user_states_is_printed_in_a_line() -> None:
     """What the examples of the classes name."""
     found: dict[str, StatedRepr] = {}

@@ -235,6 +235,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
             assert ("unlike motors" in text) == (kind == "proved" and not proof.has_like_motors)
 
 
+@pytest.mark.ci("computes what another design tolerates")
 def test_what_offsets_of_encoders_do_is_said(design, tolerated):
     """As they are taken in, at once, and what remains; nothing where the true state is fed back."""
     home = np.array(design.setup.workspace.home)
@@ -450,6 +451,7 @@ def test_limits_of_motors_are_to_check_where_they_are_too_weak(missed, told):
     assert (unnamed(summary._to_check(made), "motors", "effort_limit") == []) == told
 
 
+@pytest.mark.ci("judges a changed design, and draws its page")
 def test_the_damping_of_springs_is_named_and_what_is_unstable_without(design):
     """An assumption says of which joints; the verdict without damping counts, and is no requirement."""
     robot, loop = fh.load_robot("planar-two-link"), design.undamped[0][0]
