@@ -140,7 +140,7 @@ def _error_in_polynomial_coordinates(seed: int, n: int, degree: int) -> float:
 
 @pytest.mark.oracle
 @pytest.mark.property
-@settings(max_examples=settings.default.max_examples // 2)
+@settings(max_examples=settings.default.max_examples // 4)
 @given(st.integers(0, 10**6), st.integers(2, 12), st.integers(2, 8))
 def test_linear_problem_in_polynomial_coordinates(seed, n, degree):
     """Small ones of the family of the next test."""

@@ -30,7 +30,7 @@ FUSED = pytest.mark.parametrize("fused", [False, True])
 WORST = {False: 2.5, True: 2.0}
 
 
-@pytest.mark.quick_cases(7)
+@pytest.mark.quick_cases(5)
 @pytest.mark.oracle
 @FUSED
 @pytest.mark.parametrize("name", FUNCTIONS)
