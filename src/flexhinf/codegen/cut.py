@@ -77,6 +77,8 @@ def pieces(
     """
     most = MOST if most is None else most
     place = {k: at for at, k in enumerate(values)}
+    read = [{*reads(k)} for k in values]
+    size = [sizes[k] for k in values]
     used = [place.get(last[k], len(values)) if k in last else -1 for k in values]
     #: Of the pieces up to each place: values that they store and load, where the last one begins, and its lines.
     best = [(0, 0, 0.0)]
@@ -84,11 +86,11 @@ def pieces(
         lines, stores, loads, options = 0.0, 0, set[int](), list[tuple[int, int, float]]()
         for start in reversed(range(stop)):
             stored = used[start] >= stop
-            lines, stores = lines + sizes[values[start]] + stored, stores + stored
+            lines, stores = lines + size[start] + stored, stores + stored
             if options and lines > most:
                 break
             loads.discard(values[start])
-            loads.update(reads(values[start]))
+            loads |= read[start]
             options.append((best[start][0] + stores + len(loads) + CALL, start, lines))
         best.append(min(options))
     cuts = [len(values)]

@@ -106,7 +106,7 @@ def bare(value: object) -> Markup:
 
 def in_lines(numbers: Sequence[object], count: int = 20) -> Markup:
     """Numbers between commas, some in a line."""
-    rows = (map(str, numbers[k : k + count]) for k in range(0, len(numbers), count))
+    rows = (numbers[k : k + count] for k in range(0, len(numbers), count))
     return Markup(",\n".join("    " + ", ".join(map(_own, row)) for row in rows))
 
 

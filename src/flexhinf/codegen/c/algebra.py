@@ -23,6 +23,11 @@ class Real:
         self.epsilon = float(np.finfo(self.kind).eps)
 
 
+def _single(value: float) -> np.float32:
+    with np.errstate(over="ignore", under="ignore"):
+        return np.float32(value)
+
+
 def constant(value: float, real: Real) -> str:
     """A number as C writes it; read back, it is the nearest one of this type.
 
@@ -31,16 +36,15 @@ def constant(value: float, real: Real) -> str:
     if math.isinf(value):
         huge = f"HUGE_VAL{real.suffix.upper()}"
         return huge if value > 0.0 else f"-{huge}"
-    with np.errstate(over="ignore", under="ignore"):
-        number = float(value) if real.name == "double" else np.float32(value)
-    if not np.isfinite(number) or (value != 0.0 and number == 0.0):
+    number = float(value) if real.name == "double" else _single(value)
+    if not math.isfinite(number) or (value != 0.0 and number == 0.0):
         raise InvalidInput(
             f"A number does not fit C's type {real.name}.",
             f"expected magnitudes from 1e-45 to 3e38, or 0, got {value:g}",
             "the type double, or other units",
         )
     if real.name == "double":
-        text = repr(float(number))
+        text = repr(number)
     elif number == 0.0 or 1e-4 <= abs(number) < 1e7:
         text = np.format_float_positional(number, trim="0")
     else:
