@@ -1,4 +1,4 @@
-"""How the site's search ranks its results: headings first, Studies last."""
+"""How the site's search ranks its results: by headings, guides before theory and reference, studies last."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from pathlib import Path
 
 from website.words import DOCS, STUDIES, menu
 
-#: Sphinx's own scores, and what this site adds: a result is a name of a page, a title, …, its score, a file and a kind.
-_SCRIPT = """var Scorer = {
-  studies: new Set(%s),
-  score: ([page, title, anchor, description, score, file, kind]) =>
-    score + (kind === "title" ? 20 : 0) - (Scorer.studies.has(page) ? 50 : 0),
-  objNameMatch: 11,
-  objPartialMatch: 6,
-  objPrio: {0: 15, 1: 5, 2: -5},
-  objPrioDefault: 0,
-  title: 15,
-  partialTitle: 7,
-  term: 5,
-  partialTerm: 2,
-};
-"""
+#: What the pages below a page of the menu, or in a folder that the build makes, are put behind by; a heading that has
+#: all words of a search is worth 100.
+BEHIND = {
+    "theory/index": 8,
+    "reference/index": 8,
+    "compared/index": 8,
+    STUDIES: 60,
+    "gallery": 20,
+    "reference": 20,
+}
 
 
 def write(file: Path, docs: Path = DOCS) -> str:
     """Write the script into a file, and give its path for ``html_search_scorer``."""
+    behind = {
+        page: cost
+        for name, cost in BEHIND.items()
+        for page in (menu(name, docs) if (docs / f"{name}.md").exists() else [name])
+    }
+    script = Path(__file__).with_suffix(".js").read_text(encoding="utf-8")
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(_SCRIPT % json.dumps(menu(STUDIES, docs)), encoding="utf-8")
+    file.write_text(script.replace("BEHIND", json.dumps(behind)), encoding="utf-8")
     return str(file)
