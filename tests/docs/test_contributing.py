@@ -63,3 +63,15 @@ def test_a_robot_format_is_read_after_the_printed_lines(
     importlib.invalidate_caches()
     (tmp_path / f"other.{ending}").write_text("paper 28")
     assert fh.load_robot(tmp_path / f"other.{ending}").nominal["stiffness"] == 28.0
+
+
+def test_subjects_of_commits_are_checked_as_told(repository: Path) -> None:
+    """The hook takes the printed subject, and none without a room or of more than 72 characters."""
+    hooks = (repository / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    (pattern,) = re.findall(r"- id: subject\n.*\n +entry: '(.*)'", hooks)
+    rules = (repository / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (printed,) = re.findall(r"imperative.*`(\w+: \w[^`]*)`", rules)
+    taken = [printed, printed.ljust(72, "s"), f"{printed}\n\nWhy: {80 * 'x'}"]
+    refused = [printed.partition(": ")[2], printed.ljust(73, "s"), printed.replace(": ", ":")]
+    found = [bool(re.search(pattern, text, re.MULTILINE | re.DOTALL)) for text in (*taken, *refused)]
+    assert found == [True] * len(taken) + [False] * len(refused)

@@ -58,6 +58,7 @@ def test_poses_of_a_user_who_gave_degrees() -> None:
 def test_steps_ranges_and_settling() -> None:
     assert amplitude_text(math.pi, "rad") == "3.14 rad (180°)"
     assert amplitude_text(0.5, "m") == "0.5 m"
+    assert amplitude_text(0.5, "rad or m") == "0.5 rad (28.6°) and 0.5 m"
     assert amplitude_text(6.3, "rad", 2.0).startswith("2 rad (115°), ")
     assert amplitude_text(1.0, "rad", 2.0) == "1 rad (57.3°)"
     assert listed(["a"]) == "a"

@@ -117,7 +117,7 @@ class Certificate(Summarised, Claim):
             "gamma": number_text(self.gamma),
             "level of V": number_text(self.level),
             "degree of V": str(self.degree),
-            "step amplitude": number_text(self.step_amplitude),
+            "step amplitude": number_text(self.step_amplitude, self.states[0].unit),
             "decay": number_text(self.decay, "1/s"),
             "feedback": self.feedback,
         }

@@ -310,14 +310,14 @@ class LinearPart:
             if (state := _missed_direction(a.T, balanced.b2.T, mode)) is not None:
                 raise NotStabilisable(
                     "A mode that does not decay cannot be reached from the input.",
-                    f"eigenvalue {text} of A, mainly in state {self.state_names[state]!r}, "
+                    f"eigenvalue {text} 1/s of A, mainly in state {self.state_names[state]!r}, "
                     "has a left eigenvector orthogonal to g2, to ten digits",
                     "an input that acts on it, or leave that state out of the problem",
                 )
             if (state := _missed_direction(a, balanced.c, mode)) is not None:
                 raise NotDetectable(
                     "A mode that does not decay cannot be seen in the penalty.",
-                    f"eigenvalue {text} of A, mainly in state {self.state_names[state]!r}, is not in h(x)",
+                    f"eigenvalue {text} 1/s of A, mainly in state {self.state_names[state]!r}, is not in h(x)",
                     f"a weight on {self.state_names[state]!r}",
                 )
 

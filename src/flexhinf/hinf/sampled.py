@@ -318,10 +318,11 @@ def equilibrium_state(
         if np.abs(step[:size]).max(initial=0.0) <= 1e-10 * max(1.0, float(np.abs(x).max())):
             break
     left = float(np.abs(rates(x[None])[0]).max())
+    at = ", ".join(f"{name} = {number_text(value)}" for name, value in zip(solution.state_names, x.tolist()))
     if not left <= 1e-6 * max(1.0, float(np.abs(solution.expansion.f_parts[1]).max())):
         raise NumericalFailure(
             "There is no equilibrium at the start of the step.",
-            f"the rates are still {left:.3g} at {dict(zip(solution.state_names, x.tolist(), strict=True))}",
+            f"a rate is still {number_text(left, digits=3)} per s at {at}, in the units of the model",
             "a step of states that some input can hold, or name the integral states",
         )
     return x
@@ -429,7 +430,7 @@ class SampledCheck(Summarised):
                 f"sampled check, {self.rays} rays and ascent on the worst (seed {self.seed}); not a proof",
                 f"checked: gamma = {self.gamma:.6g}; {self.margin}",
                 f"largest level set: V <= {self.level:.6g}, limited by: {self.limit}",
-                f"worst point (deviation): {names}",
+                f"worst point, deviations in the units of the model: {names}",
             ]
         )
 

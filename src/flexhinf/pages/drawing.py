@@ -447,12 +447,15 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
 
 
 def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
-    """A step from one equilibrium to another, rad with degrees beside, or m; at most what the joints' limits allow."""
+    """A step of all joints alike, rad with degrees beside, m, or "rad or m"; at most what the joints' limits allow."""
     if not math.isfinite(amplitude):
         return "–" if math.isnan(amplitude) else "any looked at"
     step = min(amplitude, most)
-    degrees = f" ({math.degrees(step):.3g}°)" if unit == "rad" else ""
-    return f"{step:.3g} {unit}{degrees}{', all that the joint limits allow' if step < amplitude else ''}"
+    texts = [
+        number_text(step, own, 3) + (f" ({math.degrees(step):.3g}°)" if own == "rad" else "")
+        for own in unit.split(" or ")
+    ]
+    return f"{' and '.join(texts)}{', all that the joint limits allow' if step < amplitude else ''}"
 
 
 def settling_text(value: float | None, duration: float | None = None) -> str:

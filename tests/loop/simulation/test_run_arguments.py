@@ -17,6 +17,7 @@ from flexhinf.loop.simulation.inputs import (
     start_text,
     starting_state,
 )
+from flexhinf.numerals import number_text
 from flexhinf.robot import paper_arm
 
 WITH_COIL = paper_arm().plant(inductance=True).states
@@ -40,7 +41,7 @@ def test_a_run_says_where_it_starts_beside_the_controller(made, apart):
     x = starting_state(None, plant.states, controller)
     x[1] += apart
     text = start_text(plant, x, True, controller, np.zeros(1))
-    assert (f"{plant.states[1]} = {apart:g}," in text) == (apart != 0.0)
+    assert (f"{plant.states[1]} = {number_text(apart, 'rad/s')}," in text) == (apart != 0.0)
 
 
 def test_fewer_values_are_those_of_the_designed_plant_by_name(made):

@@ -1,7 +1,8 @@
 """Commands and disturbances: functions of time that carry a name, and their derivatives.
 
-All take a time (s) or an array of times and return a value for each; `Samples` of several channels return one
-more axis. All but `Samples` are NumPy code with `flexhinf.scalars` pieces, so they can be traced too.
+All take a time (s) or an array of times and return a value for each, in the unit of the signal that they are given for,
+which their descriptions do not know; `Samples` of several channels return one more axis. All but `Samples` are NumPy
+code with `flexhinf.scalars` pieces, so they can be traced too.
 
 `derivatives` are for feedforward. They are exact, and those from the right where a signal jumps or has a kink: a `Step`
 has none, a `Sine` starts with its speed, a `Quintic` with its jerk.

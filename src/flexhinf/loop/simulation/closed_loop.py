@@ -41,6 +41,7 @@ from flexhinf.loop.simulation.metrics import Command, Reduction, common_reductio
 from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, checked_sensors
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.numerals import number_text
 from flexhinf.plant import BlackBox, Plant, Sensor, python_control, rk4_step, sub_steps
 from flexhinf.validation import checked_kind, real_array, value_text
 
@@ -233,7 +234,10 @@ class Loop(Summarised):
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
         channel = self.channel
-        quanta = ", ".join(f"{step:.4g}" for step in channel.quanta)
+        quanta = ", ".join(
+            number_text(step, self.true_plant.units.get(name, ""))
+            for name, step in zip(self.controller.measured, channel.quanta)
+        )
         return {
             "true plant": type(self.true_plant).__name__,
             "states": names_text(tuple(self.true_plant.states)),

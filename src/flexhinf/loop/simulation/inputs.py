@@ -20,6 +20,7 @@ from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, SignalLike, Sine, Step
 from flexhinf.loop.simulation.program import BLOCK, noise_kernel
 from flexhinf.loop.simulation.trajectory import STARTED
+from flexhinf.numerals import number_text
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import checked_positive, one_of, real_array, real_number, value_text
 
@@ -181,9 +182,18 @@ def start_text(
     apart = ((value, own[name], name) for name, value in zip(plant.states, x.tolist()) if name in own)
     value, start, name = max(apart, key=lambda item: abs(item[0] - item[1]), default=(0.0, 0.0, ""))
     away = abs(value - start) > SAME_START * max(1.0, abs(start))
-    places = [f"{name} = {value:.4g}" for name, value in zip(plant.states, x) if name in controller.judged]
+    unit = plant.units.get(name, "")
+    places = [
+        f"{state} = {number_text(value, plant.units.get(state, ''))}"
+        for state, value in zip(plant.states, x.tolist())
+        if state in controller.judged
+    ]
     at = f" ({', '.join(places[:MOST_PLACES])}{', …' if len(places) > MOST_PLACES else ''})" if places else ""
-    text = f"{name} = {value:.6g}, the controller starts at {start:.6g}" if away else f"{STARTED}{at}"
+    text = (
+        f"{name} = {number_text(value, unit, 6)}, the controller starts at {number_text(start, unit, 6)}"
+        if away
+        else f"{STARTED}{at}"
+    )
     if placed or not isinstance(plant, Plant):
         return text
     rates = plant.change(x, before)
@@ -191,7 +201,9 @@ def start_text(
     rate = abs(rates[worst])
     if rate <= SAME_START or rate <= SAME_START * plant.fastest_mode(x, before):
         return f"{text}, at rest"
-    return f"{text}; the true plant does not rest there: {plant.change_text(worst)} = {rates[worst]:.3g}"
+    change = number_text(float(rates[worst]), plant.units.get(plant.states[worst], ""), 3)
+    each = "" if plant.sampled else " per s"
+    return f"{text}; the true plant does not rest there: {plant.change_text(worst)} = {change}{each}"
 
 
 #: A command may exceed a limit by this fraction of the range, for rounding.
