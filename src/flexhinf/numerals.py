@@ -115,20 +115,35 @@ def without_noise(value: float, limit: float) -> float:
     return 0.0 if abs(value) < NOISE * abs(limit) < math.inf else value
 
 
-def ends_text(low: float, high: float) -> str:
+def ends_text(low: float, high: float, unit: str = "") -> str:
     """Both ends of an interval, with as many decimals as tell them apart by two digits.
 
     Examples
     --------
-    >>> ends_text(99.99993, 100.00724), ends_text(0.5, 2.0), ends_text(92.701, 92.701)
-    ('99.9999 to 100.0072', '0.5 to 2', '92.7')
+    >>> ends_text(99.99993, 100.00724), ends_text(0.5, 2.0, "s"), ends_text(92.701, 92.701)
+    ('99.9999 to 100.0072', '0.5 to 2 s', '92.7')
     """
+    decimals = _decimals(low, high)
+    texts = [number(end, 3) if decimals is None else number(round(end, decimals), 15) for end in (low, high)]
+    return f"{' to '.join(dict.fromkeys(texts))} {unit}".rstrip()
+
+
+def estimate_text(value: float, low: float, high: float, unit: str = "") -> str:
+    """A number that is known within an interval, with as many decimals as the interval's ends; five digits without one.
+
+    Examples
+    --------
+    >>> estimate_text(100.00358, 99.99993, 100.00724, "N·m/rad"), estimate_text(0.1, -1.0, 5.0)
+    ('100.0036 N·m/rad', '0.1')
+    """
+    decimals = _decimals(low, high)
+    return number_text(value, unit, 5) if decimals is None else number_text(round(value, decimals), unit, 15)
+
+
+def _decimals(low: float, high: float) -> int | None:
+    """Decimals that tell the ends of an interval apart by two digits; None where it has no width or is wide."""
     width = high - low
-    if not 0.0 < width < max(abs(low), abs(high)) < math.inf:
-        return " to ".join(dict.fromkeys(number(end, 3) for end in (low, high)))
-    decimals = 1 - math.floor(math.log10(width))
-    texts = [number(round(end, decimals), 15) for end in (low, high)]
-    return " to ".join(texts)
+    return 1 - math.floor(math.log10(width)) if 0.0 < width < max(abs(low), abs(high)) < math.inf else None
 
 
 def short_numbers(text: str, digits: int = SHORT) -> str:

@@ -168,7 +168,7 @@ def test_both_ends_of_an_interval_are_told_apart(share: float) -> None:
         standard_errors=dict.fromkeys(names, share), intervals=intervals, unidentifiable=(),
     )  # fmt: skip
     for name, row in zip(names, identified_table(IdentifiedRobot(robot, found, cast(Any, None), None)).rows):
-        ends = [float(end) for end in str(row[3]).split(" to ")]
+        ends = [float(end) for end in str(row[3]).removesuffix(robot[name].unit).split(" to ")]
         assert ends == pytest.approx(intervals[name], abs=0.1 * share * robot[name].value)
 
 

@@ -54,7 +54,9 @@ def test_a_row_that_does_not_fit_is_refused() -> None:
 
 
 def test_a_stacked_row_repeats_what_each_cell_is() -> None:
-    html = report.Table(("claim", report.Column("settling time", "s")), [("fast", 1.5)], stacks=True).html()
+    columns = "claim", report.Column("settling time", "s"), report.Column("overshoot", "°")
+    html = report.Table(columns, [("fast", 1.5, None), ("slow", 2.5, 3.5)], stacks=True).html()
     assert '<div class="table stacks">' in html
-    assert '<td>fast</td><td class="number" data-label="settling time s">1.5' in html
+    assert '<td>fast</td><td class="number" data-label="settling time" data-unit=" s">1.5' in html
+    assert re.findall(r'data-label="overshoot"(.*?)</td>', html) == [">–", ' data-unit="°">3.500']
     assert "data-label" not in report.Table(("claim", "s"), [("fast", 1.5)]).html()

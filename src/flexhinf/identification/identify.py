@@ -52,7 +52,7 @@ from flexhinf.identification.unknowns import (
     uncertain_numbers,
 )
 from flexhinf.notebook import Summarised
-from flexhinf.numerals import ends_text, number_text
+from flexhinf.numerals import ends_text, estimate_text, number_text
 from flexhinf.plant import Plant, Sensor
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.validation import checked_kind, checked_names, real_number, value_text
@@ -247,9 +247,11 @@ class Identification(Summarised):
         for (name, value), ends, number in zip(
             self.values.items(), self.intervals.values(), self.unknowns.numbers
         ):
-            interval = f"95 %: {ends_text(*ends)}"
-            between = f" ({'not told by the log' if name in self.hidden else interval})"
-            rows[name] = number_text(value, number.unit) + between
+            rows[name] = (
+                f"{number_text(value, number.unit)} (not told by the log)"
+                if name in self.hidden
+                else f"{estimate_text(value, *ends, number.unit)} (95 %: {ends_text(*ends, number.unit)})"
+            )
         units = self.noise_units
         rows |= {f"noise of {name}": number_text(value, units[name]) for name, value in self.noise.items()}
         rows |= {f"not identifiable, {k + 1}": each.text for k, each in enumerate(self.unidentifiable)}

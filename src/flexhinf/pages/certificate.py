@@ -180,13 +180,19 @@ def _position(claim: Certificate, degrees: bool) -> tuple[float, str]:
     return _in(degrees, claim.states[0].unit)
 
 
-def _angle(claim: Certificate, value: float, degrees: bool) -> str:
+def _angle(claim: Certificate, value: float, degrees: bool) -> tuple[str, str]:
+    """A proved step, rounded down, and its unit."""
     scale, unit = _position(claim, degrees)
-    return f"{at_least(scale * value, decimals=1)}°" if unit == "°" else f"{at_least(value, 3)} {unit}"
+    return (at_least(scale * value, decimals=1) if unit == "°" else at_least(value, 3)), unit
+
+
+def _angle_text(claim: Certificate, value: float, degrees: bool) -> str:
+    text, unit = _angle(claim, value, degrees)
+    return f"{text}{'' if unit == '°' else ' '}{unit}"
 
 
 def _steps_text(claim: Certificate, degrees: bool) -> str:
-    return " or ".join(f"{_angle(claim, s.amplitude, degrees)} ({rule_text(s)})" for s in claim.starts)
+    return " or ".join(f"{_angle_text(claim, s.amplitude, degrees)} ({rule_text(s)})" for s in claim.starts)
 
 
 def _start_text(start: Start) -> str:
@@ -202,7 +208,7 @@ def _numbers(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[Ke
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
     return [
         *(
-            KeyNumber(f"largest proved step, {rule_text(s)}", _angle(claim, s.amplitude, degrees), "", _start_text(s))
+            KeyNumber(f"largest proved step, {rule_text(s)}", *_angle(claim, s.amplitude, degrees), _start_text(s))
             for s in claim.starts
         ),
         KeyNumber(
@@ -436,7 +442,7 @@ def _budget(evidence: Evidence, degrees: bool) -> list[Any]:
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = [
         (
-            rule_text(run), _angle(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
+            rule_text(run), _angle_text(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
             at_least(100.0 * (claim.level - start) / claim.level, 3),
             at_least(2.0 * (claim.level - start) / claim.gamma**2, 3),
         )
@@ -559,7 +565,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate, degrees: bool) -> Tab
         ),
         [
             (
-                rule_text(run), _angle(claim, run.amplitude, degrees), run.overshoot_percent,
+                rule_text(run), _angle_text(claim, run.amplitude, degrees), run.overshoot_percent,
                 *(", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)),
             )
             for run in law.steps

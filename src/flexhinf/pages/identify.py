@@ -16,7 +16,7 @@ from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.identification.explanations import HYSTERESIS, Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
-from flexhinf.numerals import ends_text, number, number_text
+from flexhinf.numerals import ends_text, estimate_text, number, number_text
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
@@ -92,7 +92,7 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     clear = [signal_label(name) for name in found.names if name not in found.hidden]
     if not found.consistent:
         return [*_misfit_texts(result), *_advice(result)]
-    texts = [*finding_texts(result.filtered.findings), *_undecided_texts(found)]
+    texts = [*finding_texts(result.filtered.findings), *_undecided_texts(result)]
     if clear:
         texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if found.hidden:
@@ -104,8 +104,9 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     return texts
 
 
-def _undecided_texts(found: Identification) -> Iterator[str]:
+def _undecided_texts(result: IdentifiedRobot) -> Iterator[str]:
     """That the log may be right with a signal at another time, and what numbers then are."""
+    found = result.found
     if not found.undecided:
         return
     whats = dict.fromkeys((each.signal, each.kind, each.samples > 0) for each in found.undecided)
@@ -119,7 +120,8 @@ def _undecided_texts(found: Identification) -> Iterator[str]:
     for name, value in found.values.items():
         others = [each.values[name] for each in found.undecided]
         if name not in found.hidden:
-            ranges.append(f"{signal_label(name)} {ends_text(min(value, *others), max(value, *others))}")
+            ends = ends_text(min(value, *others), max(value, *others), result.stated[name].unit)
+            ranges.append(f"{signal_label(name)} {ends}")
     yield (
         f"The log is too short to tell whether {' or '.join(texts)}: it is as likely then. Depending on that, the most "
         f"likely numbers are {listed(ranges)}; the intervals hold all of them. A longer log, or one that moves more, "
@@ -259,8 +261,8 @@ def identified_table(result: IdentifiedRobot) -> Table:
             (
                 signal_label(name),
                 f"{number(stated.value, 5)} {stated.unit}".rstrip(),
-                f"{number(value, 5)} {stated.unit}".rstrip() if clear else "",
-                ends_text(low, high) if clear else "",
+                estimate_text(value, low, high, stated.unit) if clear else "",
+                ends_text(low, high, stated.unit) if clear else "",
                 f"{number(share, 2)} %" if np.isfinite(share) else "",
                 Cell("no", "yellow")
                 if not clear
@@ -281,6 +283,7 @@ def identified_table(result: IdentifiedRobot) -> Table:
         rows,
         "Numbers of the robot as its file states them, and as the log tells them",
         "table-numbers",
+        stacks=True,
         title="Numbers of the robot",
     )
 
@@ -316,8 +319,8 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
     rows = [
         (
             signal_label(name),
-            f"{number(result.found.values[name], 5)} {result.stated[name].unit}".rstrip(),
-            f"{number(value, 5)} {result.stated[name].unit}".rstrip(),
+            estimate_text(result.found.values[name], *result.found.intervals[name], result.stated[name].unit),
+            estimate_text(value, *result.found.intervals[name], result.stated[name].unit),
             f"{number(second.standard_errors[name], 2)} {result.stated[name].unit}".rstrip()
             if np.isfinite(second.standard_errors[name])
             else None,
@@ -341,6 +344,7 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
         "A second opinion: the numbers with which a simulation with the log's inputs comes nearest (output error). It "
         f"explains {listed(near)}",
         "table-second",
+        stacks=True,
     )
 
 
@@ -350,7 +354,7 @@ def cause_table(causes: Sequence[Explanation]) -> Table:
         (
             f"{cause.kind} {cause.place}",
             f"{number(cause.size, 3)} {cause.unit}".rstrip(),
-            number(max(cause.errors), 2),
+            f"{number(max(cause.errors), 2)} {cause.unit}".rstrip(),
             f"{number(100.0 * cause.share, 3)} %",
             number(cause.gain, 3),
         )
@@ -367,6 +371,7 @@ def cause_table(causes: Sequence[Explanation]) -> Table:
         rows,
         "What explains the innovations that are left, each beside those above it",
         "table-causes",
+        stacks=True,
     )
 
 
@@ -446,11 +451,13 @@ def identified_page(
     keys = [
         KeyNumber(
             signal_label(name),
-            number(result.stated[name].value if name in found.hidden else value, 4),
+            number(result.stated[name].value, 4)
+            if name in found.hidden
+            else estimate_text(value, *found.intervals[name]),
             result.stated[name].unit,
             "as stated; not told by the log"
             if name in found.hidden
-            else f"95 %: {ends_text(*found.intervals[name])}",
+            else f"95 %: {ends_text(*found.intervals[name], result.stated[name].unit)}",
         )
         for name, value in list(found.values.items())[:4]
     ]

@@ -405,10 +405,10 @@ class Table(Anchored):
             else "<td></td>"
             for column, mark in zip(self.heads, css)
         )
-        labels = [""] * len(css)
-        if self.stacks:  # what a stacked row repeats before each cell but its first
-            names = (f"{column.name} {column.unit}".strip() for column in self.heads[1:])
-            labels[1:] = [f' data-label="{escape(name)}"' for name in names]
+        labels, units = [""] * len(css), [""] * len(css)
+        if self.stacks:  # what a stacked row writes around each cell but its first
+            labels[1:] = [f' data-label="{escape(column.name)}"' for column in self.heads[1:]]
+            units[1:] = [f"{' ' * (u != '' and u[0] != '°')}{u}" for u in (c.unit for c in self.heads[1:])]
         grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
         body: list[str] = []
         for line in lines:
@@ -417,7 +417,11 @@ class Table(Anchored):
             else:
                 best = '<strong>{}</strong><br><span class="unit">best</span>'
                 texts = [(best if mark == "best" else "{}").format(prose(text)) for text, mark in line]
-                cells = [f"<td{kind}{label}>{text}</td>" for kind, label, text in zip(css, labels, texts)]
+                own = [
+                    f' data-unit="{escape(unit)}"' if unit and text not in ("", "–") else ""
+                    for unit, (text, _) in zip(units, line)
+                ]
+                cells = [f"<td{''.join(marks)}>{text}</td>" for *marks, text in zip(css, labels, own, texts)]
                 if grouped:
                     cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
             body.append(f"<tr>{''.join(cells)}</tr>")
