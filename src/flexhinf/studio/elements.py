@@ -58,7 +58,7 @@ class ControlRow:
         name = f"data-testid={control.key}"
         wide = "" if control.has_slider or control.choices else " wide"
         with ui.element("div").classes(f"studio-row{wide}"):
-            ui.label(control.label).classes("studio-label").tooltip(control.help)
+            self.label = ui.label(control.label).classes("studio-label").tooltip(control.help)
             if control.choices:
                 with (
                     ui.element("div")

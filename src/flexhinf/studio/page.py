@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from flexhinf.design.pipeline import stages
 from flexhinf.design.responses import Response
 from flexhinf.errors import FlexhinfError
-from flexhinf.numerals import number
+from flexhinf.numerals import number, number_text
 from flexhinf.progress import Steps, time_left
 from flexhinf.studio import controls, drawing
 from flexhinf.studio.controls import CONTROLS, Control
@@ -140,8 +140,12 @@ class StudioPage:
         self.poles = LiveFigure("Poles", "real part, 1/s")
 
     def _joints_of(self) -> None:
-        """Buttons for the joints of the robot, and the first one that moves."""
-        names = self.session.robot.joint_names
+        """Units of the goal, buttons for the joints of the robot, and the first one that moves."""
+        names, slides = self.session.robot.joint_names, self.session.robot.links.slides
+        unit = " or ".join(dict.fromkeys("m" if each else "rad" for each in sorted(slides)))
+        for row in self.rows:
+            if row.control.field in ("pose", "start"):
+                row.label.text = f"{row.control.label}, {unit}"
         self.joint = 0
         self.joints.clear()
         self.joint_buttons: list[ui.button] = []
@@ -341,10 +345,10 @@ class StudioPage:
             self._show_linear(stage)
         self._show_tiles()
         self.bar.visible = False
-        parts = ", ".join(f"{part} {1e3 * spent:.0f} ms" for part, spent in self.seconds.items())
+        parts = ", ".join(f"{part} {number_text(spent, 's', 2)}" for part, spent in self.seconds.items())
         total = time.perf_counter() - self.requested_at
         self.took = total if name == "linear" else self.took
-        self.status.text = f"{parts}; {1e3 * total:.0f} ms since the change" + (
+        self.status.text = f"{parts}; {number_text(total, 's', 2)} since the change" + (
             "" if name == "linear" else " …"
         )
 

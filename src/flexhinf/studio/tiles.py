@@ -25,7 +25,7 @@ TILES = {
     "overshoot": "Overshoot",
     "peak": "Peak input",
     "sensitivity": "Peak sensitivity |S|",
-    "unstable": "Unstable robots",
+    "unstable": "Robots that fail",
 }
 
 
@@ -115,10 +115,7 @@ def _unstable(band: Band | None) -> Tile:
         return Tile("…")
     if band.samples is None:
         return Tile("none", "no tolerances, or no robots")
-    count, lost = len(band.samples), band.samples.diverged
-    late = band.samples.unsettled - lost
+    count, lost, failed = len(band.samples), band.samples.diverged, band.samples.unsettled
     return Tile(
-        number_text(100.0 * lost / count, "%", 3),
-        f"{lost} of {count} diverge, {late} do not settle",
-        band.samples.unsettled == 0,
+        f"{failed} of {count}", f"unstable: {lost}\nstable, but not settled: {failed - lost}", failed == 0
     )
