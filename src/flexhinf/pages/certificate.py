@@ -180,19 +180,13 @@ def _position(claim: Certificate, degrees: bool) -> tuple[float, str]:
     return _in(degrees, claim.states[0].unit)
 
 
-def _angle(claim: Certificate, value: float, degrees: bool) -> tuple[str, str]:
-    """A proved step, rounded down, and its unit."""
+def _angle(claim: Certificate, value: float, degrees: bool) -> str:
     scale, unit = _position(claim, degrees)
-    return (at_least(scale * value, decimals=1) if unit == "°" else at_least(value, 3)), unit
-
-
-def _angle_text(claim: Certificate, value: float, degrees: bool) -> str:
-    text, unit = _angle(claim, value, degrees)
-    return f"{text}{'' if unit == '°' else ' '}{unit}"
+    return f"{at_least(scale * value, decimals=1)}°" if unit == "°" else f"{at_least(value, 3)} {unit}"
 
 
 def _steps_text(claim: Certificate, degrees: bool) -> str:
-    return " or ".join(f"{_angle_text(claim, s.amplitude, degrees)} ({rule_text(s)})" for s in claim.starts)
+    return " or ".join(f"{_angle(claim, s.amplitude, degrees)} ({rule_text(s)})" for s in claim.starts)
 
 
 def _start_text(start: Start) -> str:
@@ -206,11 +200,9 @@ def _start_text(start: Start) -> str:
 
 def _numbers(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
+    ends = [(start, _angle(claim, start.amplitude, degrees).partition(" ")) for start in claim.starts]
     return [
-        *(
-            KeyNumber(f"largest proved step, {rule_text(s)}", *_angle(claim, s.amplitude, degrees), _start_text(s))
-            for s in claim.starts
-        ),
+        *(KeyNumber(f"largest proved step, {rule_text(s)}", text, unit, _start_text(s)) for s, (text, _, unit) in ends),
         KeyNumber(
             "gain, proved", f"≤ {at_most(claim.gamma)}", "",
             "" if gain is None else f"attained by a disturbance: {at_least(gain)}",
@@ -442,7 +434,7 @@ def _budget(evidence: Evidence, degrees: bool) -> list[Any]:
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = [
         (
-            rule_text(run), _angle_text(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
+            rule_text(run), _angle(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
             at_least(100.0 * (claim.level - start) / claim.level, 3),
             at_least(2.0 * (claim.level - start) / claim.gamma**2, 3),
         )
@@ -565,7 +557,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate, degrees: bool) -> Tab
         ),
         [
             (
-                rule_text(run), _angle_text(claim, run.amplitude, degrees), run.overshoot_percent,
+                rule_text(run), _angle(claim, run.amplitude, degrees), run.overshoot_percent,
                 *(", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)),
             )
             for run in law.steps
