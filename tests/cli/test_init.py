@@ -28,6 +28,8 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
     said = capsys.readouterr().out
     assert "upper" in said
     assert "flexhinf init arm.urdf" in said
+    assert main(["design", "arm.urdf"]) == 2
+    assert unnamed(capsys.readouterr().err, "flexhinf init arm.urdf") == []
     assert main(["init", "arm.urdf"]) == 0  # the advice, followed
     assert "'upper'" in capsys.readouterr().err
     assert main(["check", "arm.toml", "--out", "checked"]) == 1

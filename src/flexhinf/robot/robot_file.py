@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -111,7 +112,8 @@ def load_robot(
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
             "expected elastic='joints.toml', got none",
-            "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
+            f"flexhinf init {shlex.quote(str(path))}, which estimates them; or a TOML file with, for "
+            "each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
     springs = _existing(elastic)
     robot = RobotFile(springs).robot_with(path, joints, locked, payload)
