@@ -176,7 +176,7 @@ def keep() -> None:
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows of all robots, a line for each case; what a step costs stands in the page's text."""
     lines = [
-        "| robot | goal | farthest from its path, mrad | at the end | swing at rest | largest input |",
+        "| robot | goal | farthest from its path, mrad | at the end, mrad | swing at rest, mrad | largest input |",
         "|---|---|---|---|---|---|",
     ]
     for row in rows:

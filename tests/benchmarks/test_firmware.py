@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import shutil
 
+import numpy as np
 import pytest
 from benchmarks import firmware_peers
 from benchmarks.firmware import CLOCK, KEPT, RATE, ROWS, cost_of, key, measure, table
+from benchmarks.firmware_trajectories import ACCELERATION, VELOCITY, planned
 from benchmarks.record import kept_rows
 
 ROOM_IN_FLASH = 32_000  # bytes
@@ -25,6 +27,27 @@ def test_one_link_fits_a_microcontroller() -> None:
     assert row["cycles"] < period / 6
     assert row["cycles"] + 5 * row["most"] < 0.6 * period  # with five cycles of waiting for each instruction
     assert f"{row['cycles']:,}" in table(kept_rows(KEPT))
+
+
+@pytest.mark.parametrize(("way", "duration"), [(0.25, 1.0), (2.0, 3.0)])
+def test_a_planned_line_is_as_fast_as_its_limits(way: float, duration: float) -> None:
+    """The shortest time of a line: with a top speed or without. Half-way it is half-way, and it ends at rest."""
+    start, end = np.array([0.3, -0.2]), np.array([0.3 - way, -0.2 + 0.5 * way])
+    goal = planned(("a", "b"), start, end)
+    points, speeds, gains = (
+        np.asarray(part) for part in (goal.positions, goal.velocities, goal.accelerations)
+    )
+    times = np.asarray(goal.times)
+    assert times[-1] == pytest.approx(duration)
+    assert np.all(np.diff(times) > 0.0)
+    assert points[-1] == pytest.approx(end)
+    assert speeds[-1] == pytest.approx(0.0)
+    assert points[np.isclose(times, 0.5 * duration)][0] == pytest.approx(0.5 * (start + end))
+    assert np.abs(speeds).max() == pytest.approx(min(VELOCITY, 0.5 * ACCELERATION * duration))
+    assert np.abs(gains).max() == pytest.approx(ACCELERATION)
+    same = np.all(gains[1:] == gains[:-1], axis=1)
+    mean = 0.5 * (speeds[1:] + speeds[:-1])[same]
+    assert np.diff(points, axis=0)[same] == pytest.approx(np.diff(times)[same, None] * mean)
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,16 @@ def test_one_link_runs_at_1_kHz_in_32_kB_of_flash(folder: Path) -> None:
     assert 0 < stack < 2_000
 
 
+def test_the_command_of_safety_measures_the_worst_case(folder: Path) -> None:
+    """Of the test vector, then of the rehearsal, which goes the longer ways."""
+    command = re.search(r"`(make [^`]*worst\.txt)`", (folder / "safety.md").read_text(encoding="utf-8"))
+    assert command is not None
+    subprocess.run(["sh", "-c", command[1]], cwd=folder, check=True, capture_output=True, timeout=240)
+    most = [int(n) for n in re.findall(r"at most (\d+)", (folder / "worst.txt").read_text(encoding="utf-8"))]
+    assert len(most) == 2
+    assert 1_000 < most[0] < most[1]
+
+
 def test_an_answer_that_differs_fails_there_too(folder: Path) -> None:
     vector = folder / "arm_test.c"
     text = vector.read_text()

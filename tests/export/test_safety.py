@@ -13,10 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.builders import arm_controller
+from tests.export.test_rest import controller_of, robot_of
 from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.export import export_c
+from flexhinf.export.compiled_follower import follow_files
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, code_of
 from flexhinf.export.provocation import (
@@ -26,8 +28,8 @@ from flexhinf.export.provocation import (
     _with_memories,
     provoked,
 )
-from flexhinf.export.recording import Provocation, memory_hash, record
-from flexhinf.export.safety import CHECKED, SECTIONS
+from flexhinf.export.recording import Provocation, memory_hash, record, samples_without
+from flexhinf.export.safety import CHECKED, SECTIONS, goals
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -124,6 +126,28 @@ def test_safety_has_every_code_and_bit_with_who_must_act(folder: Path) -> None:
     rehearsal = (folder / "arm_contract.c").read_text(encoding="utf-8")
     assert functions
     assert [name for name in functions if f"static void {name}(" not in rehearsal] == []
+
+
+@pytest.mark.costs("codes a controller for the workspace")
+def test_safety_has_every_result_of_a_trajectory_with_who_must_act() -> None:
+    """Where trajectories are followed; an export of one pose follows none."""
+    code = code_of(arm_controller(), "arm", "double", fh.paper_arm())
+    assert goals(code) == []
+    code = code_of(controller_of("planar-two-link"), "arm", "double", robot_of("planar-two-link"))
+    rows = goals(code)
+    assert all(len(row) == 5 and all(row) for row in rows)
+    stated = re.findall(r"^    ARM_(FOLLOW_\w+) = (-\d)", follow_files(code)["arm_follow.h"], re.MULTILINE)
+    assert {row[0] for row in rows[:-1]} == {f"{number} `ARM_{name}`" for name, number in stated}
+    assert "arm_follow_row" in rows[-1][0]
+
+
+def test_a_row_without_a_number_counts_as_the_watchdog_of_the_c_counts() -> None:
+    """A failed row has its measurement, unless that may have been refused; each time of a row counts."""
+    kinds = ["OK", "PREDICTED", "PREDICTED", "OK", "OK", "PREDICTED"]
+    codes = ["OK", "PREDICTED", "BAD_RESULT", "BAD_RESULT", "PREDICTED", "PREDICTED"]
+    repeats = [1, 3, 1, 1, 2, 5]
+    assert samples_without(kinds, codes, repeats, False, 2) == [0, 3, 4, 0, 2, 7]
+    assert samples_without(kinds, codes, repeats, True, 2) == [0, 3, 4, 5, 7, 12]
 
 
 def test_a_rule_is_checked_or_has_a_word() -> None:

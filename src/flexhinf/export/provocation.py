@@ -19,13 +19,12 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
 from flexhinf.export.recording import (
     FAILED,
-    MEASURED,
-    MISSING,
     Provocation,
     Recording,
     copied_history,
     history_of,
     restore_history,
+    samples_without,
 )
 from flexhinf.loop import Controller
 
@@ -78,7 +77,7 @@ COMMANDED, SEEN, HARD, DECIMALS = 0.1, 0.02, 3.0, 3
 #: Parts of the step's numbers that are variances, without which pivots of more covariances are zero.
 NOISE_PARTS = ("process_noise", "measurement_noise")
 
-#: How far its elements beside the diagonal are from zero, relative to both deviations.
+#: Elements of a covariance beside its diagonal, at most, as a share of the product of both standard deviations.
 CORRELATED = 0.2
 
 #: Parts of a memory that count.
@@ -86,6 +85,9 @@ COUNTS = ("doubt", "rejected", "seen")
 
 #: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
 TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
+
+#: How many of its standard deviations a measurement is from an estimate whose root has a single number.
+SURPRISED = 4.0
 
 #: Pivots of a covariance, relative to its diagonal: negative beyond rounding, which is refused; within rounding, which
 #: counts as zero; and just above it. How many of its pivots are tried.
@@ -122,7 +124,7 @@ KINDS, EACH, SEED = 6, 4, 1
 #: Kinds of them in which a covariance stays one.
 SEMIDEFINITE = (1, 2, 3)
 
-#: Factor of a column of a root that counts as zero and is none.
+#: Size of the numbers in a column of a root that is treated as zero, although no number of it is.
 TINY = 1e-150
 
 #: Numbers of a memory from which on only the first kinds are tried, and no singular covariances.
@@ -215,8 +217,11 @@ def _tried(
 ) -> Provocation:
     """With those memories behind that end alike with both roundings, each for all rows or for one. One of a single row
     is given with a measurement and without."""
-    places = controller.data.places
+    places, judged = controller.data.places, controller.mode.checks_measurements
     ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
+
+    def without(run: Recording, repeats: Sequence[int], before: int) -> list[int]:
+        return samples_without(run.kinds, run.codes, repeats, judged, before)
 
     def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
         memories = {**one.memories, len(one.y): memory}
@@ -231,8 +236,9 @@ def _tried(
 
     # Controllers that have had all rows so far, one of each rounding; and samples without a measurement since one with.
     going = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
-    codes, *_ = [one.feed_to(each).codes for each in going]
-    going, missing = going if one.quiet is None else [*map(one.quieted, going)], _without(codes, 0)[-1]
+    fed, *_ = [one.feed_to(each) for each in going]
+    going = going if one.quiet is None else [*map(one.quieted, going)]
+    missing = without(fed, one.repeats, 0)[-1]
     for trial in other:
         memory, count = held(trial.memory), len(trial.y)
         last = controller.memory.named(memory).u
@@ -243,10 +249,10 @@ def _tried(
             more, ended = longer(trial, memory, rows, measured), False
             before = [*map(copied_history, going)]
             with suppress(NumericalFailure):
-                codes = [more.feed_to(each, len(one.y)).codes for each in going]
-                alike = all(each == codes[0] for each in codes) and (exact or FAILED not in codes[0])
-                counts = _without(codes[0], missing)
-                ended = True
+                runs = [more.feed_to(each, len(one.y)) for each in going]
+                codes, ended = runs[0].codes, True
+                alike = all(run.codes == codes for run in runs) and (exact or FAILED not in codes)
+                counts = without(runs[0], more.repeats[len(one.y) :], missing)
                 if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
                     one, missing, before = more, counts[-1], []
             for each, copied in zip(going, before):
@@ -254,14 +260,6 @@ def _tried(
             if ended and rows > 1:
                 break
     return one
-
-
-def _without(codes: Sequence[str], before: int) -> list[int]:
-    """After each code, how many samples had no measurement since the last one with, behind so many."""
-    counts = [before]
-    for code in codes:
-        counts.append(counts[-1] + 1 if code == MISSING else 0 if code == MEASURED else counts[-1])
-    return counts[1:]
 
 
 def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
@@ -386,8 +384,9 @@ def _places(controller: Controller, name: str) -> list[int]:
 
 
 def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
-    """Memories whose integrals are wound up, those that turn the arm, and of a small memory those in which one pivot of
-    a covariance is zero to rounding, which the tolerance of its factor decides."""
+    """Memories whose integrals are wound up, those that turn the arm, and of a small memory those with a root of one
+    number and a surprising measurement, and those in which one pivot of a covariance is zero to rounding, which the
+    tolerance of its factor decides."""
     first = controller.initial_memory()
     place = controller.memory.places.get("integral")
     if place is not None and place.stop > place.start:
@@ -402,6 +401,11 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
     for turned in TURNED if len(belief) and np.shape(belief[0]) == positions.shape else ():
         memory = np.array(first)
         controller.memory.named(memory).belief[0][:] += turned * positions
+        yield memory
+    for place in (root := _places(controller, "root") if len(positions) and first.size <= LARGE else []):
+        memory = np.array(first)
+        memory[root], memory[place] = 0.0, np.abs(first[root]).max()
+        controller.memory.named(memory).belief[0][:] += SURPRISED * memory[place] * positions
         yield memory
     rng = np.random.default_rng(SEED)
     for number, part in enumerate(belief if first.size <= LARGE else ()):

@@ -388,3 +388,16 @@ def feed(
         [memory_hash(memory) for memory in memory_rows],
         np.array(memory_rows),
     )
+
+
+def samples_without(
+    kinds: Sequence[str], codes: Sequence[str], repeats: Sequence[int], judged: bool, before: int
+) -> list[int]:
+    """After each row, how many samples in a row the watchdog of the C counts without a measurement, at most, behind so
+    many. A row that ends in no finite number has its measurement as it was given; where measurements are `judged`, it
+    may have been refused."""
+    counts = [before]
+    for kind, code, times in zip(kinds, codes, repeats, strict=True):
+        seen = code == MEASURED or (code == FAILED and kind == MEASURED and not judged)
+        counts.append(0 if seen else counts[-1] + times)
+    return counts[1:]

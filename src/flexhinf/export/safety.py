@@ -64,6 +64,7 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, object]:
         "commit": commit(),
         "faults": of_file(faults(code)),
         "bits": of_file(bits(code)),
+        "goals": of_file(goals(code)),
         "requirements": of_file(requirements(code)),
         "misra": of_file(matrix()),
         "facts": list(code.facts.items()),
@@ -135,6 +136,41 @@ def bits(code: ControllerCode) -> list[tuple[str, ...]]:
         cells = (reaction, f"{after}{braked and '; then '}{braked}") if watched else ("not watched", "—")
         found.append((f"{bit.value} `{code.upper(str(bit.name))}`", text, *cells))
     return found
+
+
+def goals(code: ControllerCode) -> list[tuple[str, ...]]:
+    """Every way in which a goal of a trajectory is refused or fails; nothing where no trajectory is followed."""
+    follower = follower_of(code)
+    if follower is None:
+        return []
+    n, ms = code.name, 1e3 * code.controller.period
+    same = "nothing: the motion that there is goes on"
+    begun = f"`{n}_follow_check`, `{n}_follow_start`: at once; a goal that waits: in the sample in which it would begin"
+    behind = f", of where the arm was {follower.latency * ms:g} ms before" if follower.latency else ""
+    late = f"goal time, {follower.goal_time:g} s" if follower.goal_time else "the goal time, none"
+    given_up = f"time-out, {follower.timeout:g} s" if follower.timeout else "the time-out, none"
+    return [
+        (f"-1 `{code.upper('FOLLOW_INVALID_GOAL')}`",
+         "the goal cannot be followed, or not from the motion that there is: a jump, or too quick",
+         same, begun, "tell the sender; send one that begins where the arm is to be now"),
+        (f"-2 `{code.upper('FOLLOW_INVALID_JOINTS')}`",
+         "no joint moves, or one is left out without `options.partial`",
+         same, f"`{n}_follow_check`: at once", "tell the sender; name all joints"),
+        (f"-3 `{code.upper('FOLLOW_OLD_HEADER_TIMESTAMP')}`", "the trajectory is over before it begins",
+         same, begun, "compare the clocks; send it anew"),
+        (f"-4 `{code.upper('FOLLOW_PATH_TOLERANCE_VIOLATED')}`",
+         "on its way a joint is farther from its place or velocity than the path tolerance",
+         f"comes to rest within `options.stop_time`, {follower.stop_time:g} s unless you change it, and holds; "
+         "a goal that waits is dropped",
+         f"{AT_ONCE}{behind}", "brake if the arm does not follow that stop; find what holds it"),
+        (f"-5 `{code.upper('FOLLOW_GOAL_TOLERANCE_VIOLATED')}`",
+         "behind the end of its path a joint is outside of the goal tolerance until the goal time or the time-out is over",
+         "holds the end of the path", f"after {late}, or {given_up}, unless goal or options change it",
+         "tell the sender; find what holds the arm"),
+        (f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`",
+         "a row from elsewhere jumps, is not finite, or twists a spring more than its drive can",
+         "nothing: it only tells", AT_ONCE, f"do not give that row to `{n}_step`: repeat the one before, or brake"),
+    ]  # fmt: skip
 
 
 def set_bits(code: ControllerCode, run: Recording) -> str:

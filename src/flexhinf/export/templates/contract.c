@@ -117,6 +117,9 @@ static void starts(void)
     for (int i = 0; i < @{NAME}_STATES; ++i) {
         output.estimate[i] = 1;
     }
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+        output.u[i] = (@{name}_real)NAN;
+    }
     output.path_rate = 1;
     output.status = -1; /* what stands there is none of the next step */
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
