@@ -86,9 +86,6 @@ COUNTS = ("doubt", "rejected", "seen")
 #: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
 TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
 
-#: How many of its standard deviations a measurement is from an estimate whose root has a single number.
-SURPRISED = 4.0
-
 #: Pivots of a covariance, relative to its diagonal: negative beyond rounding, which is refused; within rounding, which
 #: counts as zero; and just above it. How many of its pivots are tried.
 PIVOTS, MOST_PIVOTS = (-1e-12, -6e-14, 3e-14, 5e-14), 4
@@ -124,8 +121,9 @@ KINDS, EACH, SEED = 6, 4, 1
 #: Kinds of them in which a covariance stays one.
 SEMIDEFINITE = (1, 2, 3)
 
-#: Size of the numbers in a column of a root that is treated as zero, although no number of it is.
-TINY = 1e-150
+#: Size of the numbers in a column of a root that is treated as zero, although no number of it is; how many of its
+#: standard deviations a measurement is from an estimate whose root has a single number.
+TINY, SURPRISED = 1e-150, 4.0
 
 #: Numbers of a memory from which on only the first kinds are tried, and no singular covariances.
 LARGE = 200
@@ -293,12 +291,14 @@ def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
                 part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
         if parts:
             yield memory
-    root = _places(controller, "root") if exact and first.size <= LARGE else []
-    rows = math.isqrt(len(root))
-    for column in range(rows):
+    rows = math.isqrt(len(root := _places(controller, "root") if exact and first.size <= LARGE else []))
+    single = [slice(k, k + 1) for k in range(rows)]
+    for columns in (*single, *(slice(k, rows) for k in range(rows - 1)), *(slice(k) for k in range(2, rows))):
         table = np.abs(first[root]).max() * rng.standard_normal((rows, rows))
-        table[column] = 0.0  # what is taken for zero would add something here
-        table[:, column] = TINY * rng.standard_normal(rows)
+        table[columns if columns in single else slice(0)] = (
+            0.0  # what is taken for zero would add something here
+        )
+        table[:, columns] = TINY * rng.standard_normal(table[:, columns].shape)
         memory = np.array(first)
         memory[root] = table.ravel()
         yield memory

@@ -164,7 +164,7 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
          "a goal that waits is dropped",
          f"{AT_ONCE}{behind}", "brake if the arm does not follow that stop; find what holds it"),
         (f"-5 `{code.upper('FOLLOW_GOAL_TOLERANCE_VIOLATED')}`",
-         "behind the end of its path a joint is outside of the goal tolerance until the goal time or the time-out is over",
+         "behind its path a joint is outside of the goal tolerance until the goal time or the time-out is over",
          "holds the end of the path", f"after {late}, or {given_up}, unless goal or options change it",
          "tell the sender; find what holds the arm"),
         (f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`",

@@ -536,7 +536,7 @@ static void goes_back(void)
         }
         for (int i = 0; i < @{NAME}_MEMORY; ++i) {
             before[i] = state.older[i];
-            state.memory[i] = (@{name}_real)NAN;
+            state.memory[i] = (i > 0) ? (@{name}_real)NAN : before[i] + 1; /* a number goes back too */
         }
         for (int i = @{commanded.start}; i < @{commanded.stop}; ++i) {
             state.memory[i] = before[i] + (@{name}_real)0.25;
