@@ -148,7 +148,7 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
     begun = f"`{n}_follow_check`, `{n}_follow_start`: at once; a goal that waits: in the sample in which it would begin"
     behind = f", of where the arm was {follower.latency * ms:g} ms before" if follower.latency else ""
     late = f"goal time, {follower.goal_time:g} s" if follower.goal_time else "the goal time, none"
-    given_up = f"time-out, {follower.timeout:g} s" if follower.timeout else "the time-out, none"
+    timeout = f"time-out, {follower.timeout:g} s" if follower.timeout else "the time-out, none"
     return [
         (f"-1 `{code.upper('FOLLOW_INVALID_GOAL')}`",
          "the goal cannot be followed, or not from the motion that there is: a jump, or too quick",
@@ -165,7 +165,7 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
          f"{AT_ONCE}{behind}", "brake if the arm does not follow that stop; find what holds it"),
         (f"-5 `{code.upper('FOLLOW_GOAL_TOLERANCE_VIOLATED')}`",
          "behind its path a joint is outside of the goal tolerance until the goal time or the time-out is over",
-         "holds the end of the path", f"after {late}, or {given_up}, unless goal or options change it",
+         "holds the end of the path", f"after {late}, or {timeout}, unless goal or options change it",
          "tell the sender; find what holds the arm"),
         (f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`",
          "a row from elsewhere jumps, is not finite, or twists a spring more than its drive can",
