@@ -11,6 +11,7 @@ import pytest
 from tests.builders import arm_controller
 
 import flexhinf as fh
+from flexhinf.codegen.c.statements import POINTERS
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export.controller_c import code_of
 from flexhinf.robot.workspace import workspace_of
@@ -227,6 +228,7 @@ LONG = {
 def is_short(kind: str) -> bool:
     every = whole_functions(source_of(*LONG[kind]))
     assert [name for function in every for name in unused(function)] == []
+    assert max(len(re.findall(r"\*const \w+ = ", function)) for function in every) <= POINTERS
     return 40 < max(len(function.splitlines()) for function in every) <= 120
 
 

@@ -1,8 +1,11 @@
 """A long row of statements of C as several functions, which it calls one after the other.
 
-Statements that follow on each other go together, up to `LINES`, best from one comment to another. What is declared,
-what may return, and a few lines between such, stay where they are. A statement that is too long for a function, such as
-the body of a loop, is cut inside.
+Statements that follow on each other go together, up to `PART` lines, best from one comment to another. What is
+declared, what may return, and a few lines between such, stay where they are. A statement that is too long for a
+function, such as the body of a loop, is cut inside.
+
+A compiler keeps each pointer that several calls get on the stack from one call to another, below all that the calls
+need. So a function with many is cut too, and its parts are not put back into it: each then keeps its own alone.
 """
 
 from __future__ import annotations
@@ -22,6 +25,12 @@ DECLARED = {
 
 #: Lines that are not worth a function.
 FEW = 3
+
+#: Lines of a part at most, with its head and its braces.
+PART = 40
+
+#: Pointers into memory of the caller that a function declares at most.
+POINTERS = 40
 
 
 class Statements:
@@ -51,7 +60,7 @@ class Statements:
             return "\n".join(block(f"{head}\n{{", [*self._pointers(own), *own, f"return {result};"]))
 
         whole = text(lines)
-        if length(whole) > LINES:
+        if length(whole) > LINES or len(self._pointers(lines)) > POINTERS:
             whole = text([*self._called(lines, self.arguments)])
         return {**self._parts, self.name: whole}
 
@@ -66,13 +75,13 @@ class Statements:
                 run = []
                 continue
             run.append(statement)
-            if length(self._text("", run, scope)) <= LINES:
+            if length(self._text("", run, scope)) <= PART:
                 continue
             begins = [k for k, own in enumerate(run) if k and own[0].startswith("/*")]
             cut = begins[-1] if begins else len(run) - 1
             yield from self._part(run[:cut], scope)
             run = run[cut:]
-            if length(self._text("", run, scope)) > LINES and len(run) == 1:
+            if length(self._text("", run, scope)) > PART and len(run) == 1:
                 yield from self._inside(run[0], scope)
                 run = []
         yield from self._part(run, scope)
@@ -109,7 +118,8 @@ class Statements:
             scope[used] if used in kept or self._changes(lines, used) else _constant(scope[used])
             for used in self._used(run, scope)
         ]
-        return "\n".join(block(f"static void {name}({', '.join(declared)})\n{{", [*pointers, *lines]))
+        head = f"static NOINLINE void {name}({', '.join(declared)})"
+        return "\n".join(block(f"{head}\n{{", [*pointers, *lines]))
 
     def _changes(self, lines: Sequence[str], name: str) -> bool:
         """Whether statements may write to a name: by themselves, or by a function that does not promise otherwise."""
