@@ -298,7 +298,39 @@ def test_an_integral_that_throws_a_joint_is_taken_back_and_one_that_carries_is_n
         after = braked(after, np.array([-1.0, 1.0, -0.2, 1.0]), [PERIOD])
     assert np.array_equal(after[1:3], before[1:3])
     assert np.abs(after[[0, 3]]).max() < 0.15 * 0.5
-    assert np.array_equal(np.sign(after), np.sign(before))
+    assert np.all(after * before >= 0.0)
+
+
+@pytest.mark.costs("four joints are held for two seconds, in Python")
+@pytest.mark.parametrize("held", (0.5, 2.0))
+def test_a_joint_that_comes_loose_keeps_its_speed_limit_with_slow_and_fast_laws(held: float) -> None:
+    """Two joints whose motors reach their speed limits, 1.5 and 3 rad/s, within 80 and 4 ms, with laws of 8 and
+    50 rad/s, or 15 and 30. Brakes hold both in mid-move, and integrals fill their motors."""
+    inertia, effort, speed = np.array([8.0, 0.02]), np.array([150.0, 16.0]), np.array([1.5, 3.0])
+    governor = replace(
+        BACK,
+        distance=(0.02 * speed).tolist(),
+        speed=(0.8 * speed).tolist(),
+        acceleration=(2.7 * speed).tolist(),
+    )
+    for w in np.array([[8.0, 50.0], [15.0, 30.0]]):
+        gain = -np.hstack([np.diag(inertia * k) for k in (2.0 * w**2, 2.0 * w, w**3)])
+        loop = LinearLaw(law().state_names, ("u", "v"), gain)
+        own = fh.Controller(loop, None, PERIOD, effort, moving=True, governor=governor, supervision=WATCH)
+        x, fastest, filled, begin = np.zeros(4), np.zeros(2), np.zeros(2, dtype=bool), 500
+        end = begin + round(held / PERIOD)
+        for k in range(end + 1500):
+            t = min(PERIOD * k, 1.2)
+            u = own.step(x, np.array([0.5 * t, 1.2 * t, 0.5 * (t < 1.2), 1.2 * (t < 1.2), 0.0, 0.0]))
+            filled |= np.abs(u) >= 0.999 * effort
+            for _ in range(2):
+                x[2:] += 0.5 * PERIOD * u / inertia
+                x[2:] *= not begin <= k < end
+                x[:2] += 0.5 * PERIOD * x[2:]
+            fastest = np.maximum(fastest, np.abs(x[2:]) / speed)
+        assert filled[1]
+        assert fastest.max() < 1.1
+        assert x[:2] == pytest.approx([0.6, 1.44], abs=5e-3)
 
 
 def test_what_takes_an_integral_back_counts_from_the_command() -> None:
