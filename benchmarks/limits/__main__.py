@@ -17,7 +17,7 @@ import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 from benchmarks.limits.arms import ARMS, designed  # noqa: E402
-from benchmarks.limits.laws import LAWS  # noqa: E402
+from benchmarks.limits.laws import LAWS, TITLES  # noqa: E402
 from benchmarks.limits.rows import GROUPS, ROWS, Bench, named_rows  # noqa: E402
 from benchmarks.limits.tables import TABLES  # noqa: E402
 
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     known = [*GROUPS, *(row for rows in GROUPS.values() for row in rows)]
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=list(ARMS), metavar="NAME")
     parser.add_argument("--rows", nargs="+", choices=known, default=list(GROUPS), metavar="NAME")
-    parser.add_argument("--laws", nargs="+", choices=list(LAWS), default=list(LAWS), metavar="NAME")
+    parser.add_argument("--laws", nargs="+", choices=list(TITLES), default=list(LAWS), metavar="NAME")
     parser.add_argument("--again", action="store_true", help="make rows anew that are there")
     parser.add_argument(
         "--designs", type=Path, default=DESIGNS, metavar="FOLDER", help="where designs are kept"

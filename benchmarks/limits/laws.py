@@ -14,6 +14,7 @@ home; torque feedback has gains by the inertia matrix at the commanded pose.
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -27,7 +28,7 @@ from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.laws import FASTEST, INTEGRAL, LIGHTER, SHARES, TURNING, DifferenceLaw, bandwidths
 from benchmarks.workspace.linear import closed, damping, late, outputs, stable
 
-__all__ = ["LAWS", "RIPPLE", "Product", "Rival", "Runs", "tuned"]
+__all__ = ["LAWS", "PLAIN", "RIPPLE", "TITLES", "Product", "Rival", "Runs", "tuned"]
 
 #: The rule: least damping, most ripple in per cent, random poses, and their seed.
 DAMPING, RIPPLE, POSES, SEED = 0.2, 1.5, 20, 77
@@ -38,6 +39,9 @@ BEFORE, MEASURED = 300, 500
 
 #: By name, with what a reader is told.
 LAWS = {"flexhinf": "flexhinf", "pd": "PD", "torque": "torque feedback"}
+#: What only runs where it is named: the controller of a design that brings no joint back.
+PLAIN = "plain"
+TITLES = LAWS | {PLAIN: "flexhinf without a governor"}
 #: What else a rival may choose.
 INTEGRALS, BLENDS = (0.4, 0.2, 0.1), (0.6, 0.2)
 MORE: dict[str, tuple[dict[str, float], ...]] = {
@@ -67,8 +71,12 @@ class Runs(Protocol):
 class Product:
     """The controller of a design, stepped as docs/moves.md says; a step that it refuses holds the last input."""
 
-    def __init__(self, robot: Any, folder: Path) -> None:
+    def __init__(self, robot: Any, folder: Path, governed: bool = True) -> None:
         self.robot, self.controller = robot, fh.load_controller(folder / "controller")
+        if not governed:
+            watch = self.controller.supervision
+            kept = {event: kind for event, kind in watch.reactions.items() if event != "blocked"}
+            self.controller = self.controller.fresh(governor=None, supervision=replace(watch, reactions=kept))
         self.status, self.refused = 0, 0
 
     def start(self, q: np.ndarray) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.limits.arms import described, design_of, robot_of
-from benchmarks.limits.laws import LAWS, Product, Rival, Runs, tuned
+from benchmarks.limits.laws import PLAIN, TITLES, Product, Rival, Runs, tuned
 from benchmarks.limits.trials import CURVED, TRIALS, follow, limits_of, many_goals, noise_of
 from benchmarks.workspace.arm import Arm
 
@@ -59,9 +59,9 @@ class Bench:
 
     def law(self, name: str) -> Runs | None:
         """A law, tuned where it is a rival and has not been; None without a design, or without a stable candidate."""
-        if name == PRODUCT:
+        if name in (PRODUCT, PLAIN):
             found = design_of(self.designs, self.name)
-            return None if found is None else Product(self.robot, found[0])
+            return None if found is None else Product(self.robot, found[0], name == PRODUCT)
         rivals = self.data.setdefault("tuned", {})
         if name not in rivals:
             rivals[name] = tuned(self.arm, name, noise_of(self.arm))
@@ -79,7 +79,7 @@ class Bench:
                 continue
             law = self.law(name)
             if law is None:
-                yield f"{self.name} {LAWS[name]}: {'no design' if name == PRODUCT else NONE}"
+                yield f"{self.name} {TITLES[name]}: {'no design' if name in (PRODUCT, PLAIN) else NONE}"
                 continue
             for row in wanted:
                 if row == MET and name == PRODUCT and not self.data["design"]["met"]:
@@ -87,7 +87,7 @@ class Bench:
                     continue
                 self.data.setdefault(row, {})[name] = self.one(row, name, law)
                 self.keep()
-                yield f"{self.name} {row} {LAWS[name]}"
+                yield f"{self.name} {row} {TITLES[name]}"
 
     def one(self, row: str, name: str, law: Runs) -> dict[str, Any]:
         """One row; a design has the noise in its moves that it assumes, rivals that by which they were tuned."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from benchmarks.limits import arms as the_arms
 from benchmarks.limits.arms import ARMS, added, designed, named, noise_in, robot_of
-from benchmarks.limits.laws import DAMPING, RIPPLE, Rival, tuned
+from benchmarks.limits.laws import DAMPING, RIPPLE, Product, Rival, tuned
 from benchmarks.limits.paths import CURVES, curve, heaviest, held, jump, needed, whole
 from benchmarks.limits.plant import Stop, TrueArm, stiff
 from benchmarks.limits.rows import NONE, ROWS, Bench, kept, named_rows
@@ -22,6 +22,9 @@ from benchmarks.limits.trials import TRIALS, drive, limits_of, noise_of
 from benchmarks.workspace.arm import LATENCY, PERIOD, SPRINGS, Arm, damped
 from benchmarks.workspace.goals import Reference
 from scipy.integrate import solve_ivp
+from tests.builders import LinearLaw
+
+import flexhinf as fh
 
 PLANAR, ELASTIC = "planar-two-link", "elastic"
 
@@ -225,6 +228,20 @@ def test_a_law_that_lets_go_goes_beyond_and_does_not_come_back(
     row = limits_of(planar, Gone(), TRIALS["jump-0.05"])
     assert row["lost"] or (row["beyond"] > 0.1 and row["back"] is None)
     assert row["status"] == 4
+
+
+def test_a_design_runs_without_its_governor_where_that_is_named(tmp_path: Path) -> None:
+    """Other reactions stay."""
+    law = LinearLaw(("link_position", "link_velocity", "link_position_integral"), ("u",), -np.ones((1, 3)))
+    governor = fh.loop.Governor([0.1], [1.0], [3.0], [-3.0], [3.0])
+    watch = fh.Supervision(following=0.1, reactions={"following": "brake"})
+    fh.Controller(law, None, PERIOD, 1.0, moving=True, governor=governor, supervision=watch).save(
+        tmp_path / "controller"
+    )
+    assert Product(None, tmp_path).controller.governor == governor
+    plain = Product(None, tmp_path, governed=False).controller
+    assert plain.governor is None
+    assert dict(plain.supervision.reactions) == {"following": "brake"}
 
 
 # Rivals ---------------------------------------------------------------------------------------------
