@@ -75,6 +75,7 @@ class Product:
         self.robot, self.controller = robot, fh.load_controller(folder / "controller")
         if not governed:
             watch = self.controller.supervision
+            assert watch is not None
             kept = {event: kind for event, kind in watch.reactions.items() if event != "blocked"}
             self.controller = self.controller.fresh(governor=None, supervision=replace(watch, reactions=kept))
         self.status, self.refused = 0, 0

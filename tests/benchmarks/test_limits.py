@@ -241,6 +241,7 @@ def test_a_design_runs_without_its_governor_where_that_is_named(tmp_path: Path) 
     assert Product(None, tmp_path).controller.governor == governor
     plain = Product(None, tmp_path, governed=False).controller
     assert plain.governor is None
+    assert plain.supervision is not None
     assert dict(plain.supervision.reactions) == {"following": "brake"}
 
 
