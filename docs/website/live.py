@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from unittest.mock import patch
 
 from tests.store import COLUMNS, command, source_digest
@@ -15,35 +15,38 @@ if TYPE_CHECKING:
 
 _PLACE = "<!-- made by the build: live pages -->"
 
-#: The arms: a title, and the design whose page is shown. A robot file lies beside this one. Other words are those of a
-#: command of the documentation, so that a run of CI makes each of these designs once.
-ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "two-links": (
+
+class Arm(NamedTuple):
+    """A live page: its title, and the design that it shows. A robot file lies beside this one; the words of options are
+    those of a command of the documentation where one is alike, so that a run of CI makes each design once."""
+
+    title: str
+    robot: str
+    options: str
+    folder: str = "flexhinf-design"
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Those of ``flexhinf design``."""
+        return (self.robot, *self.options.split())
+
+
+ARMS = {
+    "two-links": Arm(
         "Two links, one controller for the whole workspace",
-        ("planar-two-link", "--measured", "link_position,motor_position"),
+        "planar-two-link",
+        "--measured link_position,motor_position",
     ),
-    "six-joints": (
+    "six-joints": Arm(
         "Six joints in space, one controller for the whole workspace",
-        ("six-joints.toml", "--measured", "link_position,motor_position"),
+        "six-joints.toml",
+        "--measured link_position,motor_position",
     ),
-    "paper": (
+    "paper": Arm(
         "One link, lifted against gravity",
-        (
-            *(
-                "paper",
-                "--pose",
-                "90deg",
-                "--start",
-                "0",
-                "--preset",
-                "damped",
-                "--degrees",
-                "2",
-                "--draws",
-                "0",
-            ),
-            *("--out", "arm"),
-        ),
+        "paper",
+        "--pose 90deg --start 0 --preset damped --degrees 2 --draws 0 --out arm",
+        "arm",
     ),
 }
 
@@ -64,17 +67,16 @@ def make(folder: Path) -> list[str]:
     if not stamp.exists() or stamp.read_text(encoding="utf-8") != now:
         shutil.rmtree(folder, ignore_errors=True)
     pages.mkdir(parents=True, exist_ok=True)
-    for name, (_, words) in ARMS.items():
+    for name, arm in ARMS.items():
         page, work = pages / f"{name}.html", folder.parent / "live_designs" / name
         if not page.exists():
             shutil.rmtree(work, ignore_errors=True)
             work.mkdir(parents=True)
-            if words[0].endswith(".toml"):
-                shutil.copy(Path(__file__).with_name(words[0]), work)
-            design = words[-1] if "--out" in words else "flexhinf-design"
+            if arm.robot.endswith(".toml"):
+                shutil.copy(Path(__file__).with_name(arm.robot), work)
             with patch.dict(os.environ, COLUMNS=COLUMNS):
-                command(("design", *words), work)  # exit code 1 is a design too
-                done = command(("export", "web", design, "--out", "live.html"), work)
+                command(("design", *arm.words), work)  # exit code 1 is a design too
+                done = command(("export", "web", arm.folder, "--out", "live.html"), work)
             if done.code:
                 from sphinx.util import logging  # here, as tests read this file without Sphinx
 
@@ -90,7 +92,7 @@ def make(folder: Path) -> list[str]:
 
 def frame(name: str) -> list[str]:
     """A live page within a page, and a link to it, as Markdown."""
-    title = ARMS[name][0]
+    title = ARMS[name].title
     return [
         "```{raw} html",
         f'<iframe class="live" src="live/{name}.html" title="{title}" loading="lazy"></iframe>',
@@ -112,7 +114,7 @@ def text(made: list[str], page: str) -> str:
         return "\n".join([*said, "", *frames, "More of them: [Live](live.md)."]) if made else ""
     if not made:
         return "This build has no live pages, because clang or wasm-ld was not found when it was made."
-    return "\n".join(line for name in made for line in (f"## {ARMS[name][0]}", "", *frame(name)))
+    return "\n".join(line for name in made for line in (f"## {ARMS[name].title}", "", *frame(name)))
 
 
 def begin(app: Sphinx) -> None:

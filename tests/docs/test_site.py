@@ -143,7 +143,7 @@ def test_the_first_page_has_an_arm_of_two_joints_and_one_of_six_in_space(
     names = list(live.ARMS)[:2]
     text = live.text(list(live.ARMS), "index")
     assert re.findall(r'<iframe class="live" src="live/([\w-]+)\.html"', text) == names
-    files = [live.ARMS[name][1][0] for name in names]
+    files = [live.ARMS[name].robot for name in names]
     robots = [fh.load_robot(folder / file if file.endswith(".toml") else file) for file in files]
     assert [len(robot.joint_names) for robot in robots] == [2, 6]
     seen = picture_axes(robots[1])
