@@ -92,7 +92,9 @@ def test_a_true_plant_that_does_not_rest_there_says_so() -> None:
     run = fh.Loop(heavy, controller).run(duration=0.05)
     rate = heavy.derivative(state, u)
     worst = int(np.argmax(np.abs(rate)))
-    words = f"d/dt {heavy.states[worst]} = {rate[worst]:.3g}"
+    name, size = heavy.states[worst], f"{abs(rate[worst]):.3g}"
+    words = f"d/dt {name} = −{size} {heavy.units[name]} per"
+    assert rate[worst] < 0.0
     assert unnamed(run.settings["start"], "controller", "true plant", words) == []
     assert words in repr(run)
 

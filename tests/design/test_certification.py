@@ -176,8 +176,9 @@ def test_what_is_shown_of_a_bound_holds() -> None:
     given = replace(given, starts=(replace(CUBIC.starts[0], amplitude=0.49968),))
     shown = SimpleNamespace(certificate=given, limit=None, worst=(), attained=None)
     one = SimpleNamespace(steps=(), box=None)
-    values = [entry.value for entry in page._numbers(one, given, degrees=True)]  # type: ignore[arg-type]
-    assert values == ["0.499 m", "≤ 2.001", "0.1246"]
+    shown_numbers = [(entry.value, entry.unit) for entry in page._numbers(one, given, degrees=True)]  # type: ignore[arg-type]
+    assert [value for value, _ in shown_numbers] == ["0.499", "≤ 2.001", "0.1246"]
+    assert shown_numbers[0][1] == "m"
     assert " 0.0623 N²·s" in str(page._budget(shown, degrees=False))  # type: ignore[arg-type]
     turned = replace(given, states=(Signal("position", "rad"),))
     assert page._steps_text(turned, degrees=True).startswith("28.6°")

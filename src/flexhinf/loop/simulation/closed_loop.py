@@ -107,7 +107,7 @@ class Loop(Summarised):
     >>> law = fh.linear_law(arm.problem(), gamma=np.inf)
     >>> run = fh.Loop(arm.plant(), fh.Controller(law, None, 1e-3)).run(fh.Step(0.5), duration=6.0)
     >>> run.settings["start"]
-    'where the controller starts (link_position = 0), at rest'
+    'where the controller starts (link_position = 0 rad), at rest'
     """
 
     #: A run's arguments as text, the initial belief of its estimator, and the run.
