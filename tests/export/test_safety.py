@@ -261,6 +261,11 @@ static real arm_sin(real x)
 static void arm_seen(const real *seen)
 {
     const bool c1 = 0.5 < seen[2];
+    const real v1 = c1 ? 2.0 : 1.0;
+    const real v2 = (c2 && c3) ? 4.0 : v1;
+    const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);
+    const real v3 = c4 ? seen[1] : v2;
+    const bool c5 = (v3 <= 3.0) && (v3 >= 3.0);
 }
 
 static void arm_rows(const real *commands, real *rows)
@@ -318,6 +323,10 @@ static void arm_copy(const real *source, real *target)
     assert is_none(22, "number", "0.5", "0.625")
     assert not is_none(22, "number", "2", "3")
     places = {line.strip(): number for number, line in enumerate(source, 1)}
+    assert is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", "<= 3.0", "<= 3.75")
+    assert not is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", ">= 3.0", ">= 3.75")
+    assert not is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", "<= 3.0", "<= 4.0")
+    assert not is_none(places["const bool c5 = (v3 <= 3.0) && (v3 >= 3.0);"], "number", "<= 3.0", "<= 3.75")
     assert is_none(places["rows[1] = commands[1];"], "number", "commands[1]", "commands[2]")
     assert not is_none(places["rows[0] = commands[0];"], "number", "commands[0]", "commands[1]")
     assert not is_none(places["const real v1 = rows[1] + rows[0];"], "product", "+", "-")
