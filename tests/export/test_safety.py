@@ -17,19 +17,31 @@ from tests.export.test_rest import controller_of, robot_of
 from tests.refusals import unnamed
 
 import flexhinf as fh
+from flexhinf.errors import NumericalFailure
 from flexhinf.export import export_c
 from flexhinf.export.compiled_follower import follow_files
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, code_of
 from flexhinf.export.provocation import (
     NOISE_PARTS,
+    Trial,
     _memories,
     _singular_memories,
+    _tried,
     _with_memories,
     provoked,
 )
-from flexhinf.export.recording import Provocation, memory_hash, record, samples_without
+from flexhinf.export.recording import (
+    Provocation,
+    copied_history,
+    history_of,
+    memory_hash,
+    record,
+    restore_history,
+    samples_without,
+)
 from flexhinf.export.safety import CHECKED, SECTIONS, goals
+from flexhinf.loop.controller.memory import SPACING
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -40,6 +52,10 @@ WATCH = fh.Supervision(
     position_swing=0.02,
     reactions={"workspace": "brake", "following": "hold"},
 )
+
+
+#: Measurements beyond are not plausible, rad.
+FAR = np.full(1, 0.05)
 
 
 def watched() -> fh.Controller:
@@ -85,6 +101,44 @@ def test_a_controller_that_changes_slowly_goes_on_from_an_input_within_its_limit
     assert all(own.memory.named(memory).u >= 5.0 for memory in memories.values())
 
 
+def test_what_a_trial_left_is_taken_back_in_the_arrays_of_the_compiled_step() -> None:
+    """After good samples and two that failed, which leave an earlier memory: the next samples have the same bits."""
+    own, rest = watched(), np.full(1, 0.01)
+    start, memory = own.operating_reference, history_of(own).memory
+    for _ in range(3):
+        own.step(rest, start)
+    copied = copied_history(own)
+    after = [own.step(rest, start) for _ in range(SPACING)]
+    for _ in range(2):
+        memory[:] = np.nan
+        with pytest.raises(NumericalFailure):
+            own.step(rest, start)
+    restore_history(own, copied)
+    assert history_of(own).memory is memory
+    assert vars(history_of(own)).keys() == copied.keys()
+    for name, value in copied.items():
+        np.testing.assert_array_equal(getattr(history_of(own), name), value, name)
+    assert np.array_equal([own.step(rest, start) for _ in range(SPACING)], after)
+
+
+def test_trials_are_kept_up_to_the_watchdogs_limit_and_refused_ones_count_for_nothing() -> None:
+    """Of 11, 6, 2, 4 and 2 samples whose measurements are implausible; the third has a memory of no number."""
+    own = arm_controller(kind=fh.ExtendedKalmanFilter, limit=48.0, measurement_limits=(-FAR, FAR, 1e3 * FAR))
+    start, memory = np.array([own.operating_reference]), own.initial_memory()
+    one = Provocation(np.zeros((1, 1)), start, [1], np.array(own.data_vector), None, None, {})
+
+    def trial(count: int, before: np.ndarray) -> Trial:
+        return Trial(before, np.full((count, 1), 1.0), np.repeat(start, count, axis=0))
+
+    none = np.array(memory)
+    none[own.memory.places["belief"].start] = np.nan
+    trials = [trial(11, memory), trial(6, memory), trial(2, none), trial(4, 0.5 * memory), trial(2, memory)]
+    kept = _tried(one, own, np.array, trials, False)
+    assert list(kept.memories) == [1, 7]
+    assert np.array_equal(kept.memories[7], 0.5 * memory)
+    assert kept.answered(own).codes == ["OK"] + ["PREDICTED"] * MISSING_LIMIT  # 10
+
+
 def test_a_row_that_fails_where_noise_ends_holds_the_input_before_it() -> None:
     own = watched()
     rest, start = np.zeros((3, len(own.measured))), own.operating_reference
@@ -103,8 +157,7 @@ def test_a_row_that_fails_where_noise_ends_holds_the_input_before_it() -> None:
 def test_what_provokes_has_a_measurement_before_the_watchdog_stops() -> None:
     """C stops where more samples in a row are without one, and Python has no watchdog: a documented export failed its
     own test, whose memories took one measurement after the other for implausible."""
-    far = np.full(1, 0.05)
-    own = arm_controller(kind=fh.ExtendedKalmanFilter, limit=48.0, measurement_limits=(-far, far, 1e3 * far))
+    own = arm_controller(kind=fh.ExtendedKalmanFilter, limit=48.0, measurement_limits=(-FAR, FAR, 1e3 * FAR))
     code = code_of(own, "arm", "double")
     run = provoked(code, record(own))
     assert run.provocation is not None
