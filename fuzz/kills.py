@@ -35,8 +35,11 @@ from fuzz.command_line import ARM, QUICK
 from fuzz.tally import Tally
 
 ATTEMPTS = 300
-COMMANDS = 4
-"""Of these, whole commands in processes of their own."""
+WHOLE = {0: signal.SIGTERM, 15: signal.SIGKILL, 100: signal.SIGINT, 200: signal.SIGKILL}
+"""Of these, whole commands in processes of their own, and how they are stopped; a tenth of the attempts has two."""
+
+SOON = 2.5
+"""A command is stopped within so many seconds: it takes about as long."""
 
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 
@@ -77,12 +80,12 @@ def run(attempts: int, seed: int) -> Tally:
         for attempt in range(attempts):
             folder = Path(name) / str(attempt)
             folder.mkdir()
-            number = SIGNALS[rng.integers(len(SIGNALS))]
-            whole = attempt % (ATTEMPTS // COMMANDS) == 0
-            if whole:
+            if attempt in WHOLE:
+                number = WHOLE[attempt]
                 how = f"seed {seed}, attempt {attempt}, a command, {number.name}"
-                fault = _command(folder, number, float(rng.uniform(0.0, 5.0)))
+                fault = _command(folder, number, float(rng.uniform(0.0, SOON)))
             else:
+                number = SIGNALS[rng.integers(len(SIGNALS))]
                 work = works[rng.integers(len(works))]
                 line = int(rng.exponential(250.0)) if rng.random() < 0.9 else None
                 delay = float(rng.uniform(0.0, 0.02))
