@@ -31,6 +31,7 @@ from flexhinf.analysis import (
 )
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
+from flexhinf.processors import limited_threads
 from flexhinf.robot import Robot
 
 PERIOD = 1e-3
@@ -77,8 +78,12 @@ def test_shares_are_those_of_single_loops(arm: Robot, cubic: HJISolution) -> Non
     plants = corner_population(arm.corner, len(arm.uncertain), 10, 0)
     plant, filter = arm.plant(inductance=True), filter_of(arm.plant(), np.zeros(4), noise=(1e-6, 1e-6))
     loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi)
-    noises = (None, ProcessNoise("all states", 1e-4), ProcessNoise("velocities only", 1e-4))
-    swept = growth_rates(loop, plants, noises)
+    noises = (None, ProcessNoise("all states", 1e-4), None, ProcessNoise("velocities only", 1e-4))
+    with limited_threads(1):
+        swept = growth_rates(loop, plants, noises)
+    with limited_threads(2):  # which share what is behind the first
+        shared = growth_rates(loop, plants, noises)
+    assert np.array_equal([found.rates for found in shared], [found.rates for found in swept])
     for found in swept:
         q = found.noise.covariance(filter.plant.states) if found.noise else 1e-6
         own = EquilibriumLoop(
