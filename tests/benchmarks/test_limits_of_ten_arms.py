@@ -38,8 +38,8 @@ NAMES = (
     *HARDWARE,
     "rail",
 )
-#: Two joints, three of a file of its own, a load on a pallet, and one that slides.
-BY_DAY = ("planar-two-link", "hardware-spatial", "pallet", "rail")
+#: Of these, in CI: two joints, three of a file of its own, a load on a pallet, and one that slides.
+IN_CI = ("planar-two-link", "hardware-spatial", "pallet", "rail")
 
 
 def on_a_rail() -> str:
@@ -167,8 +167,8 @@ def driven(one: Case, controller: fh.Controller, brakes: bool) -> dict[str, Any]
     "name",
     ci_and_night(
         "compiles a controller, and drives an arm twice in MuJoCo",
-        BY_DAY,
-        [n for n in NAMES if n not in BY_DAY],
+        IN_CI,
+        [n for n in NAMES if n not in IN_CI],
     ),
 )
 def test_motors_that_saturate_at_once_come_back_slowly(name: str, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 def kinds(first: str, second: str) -> pytest.MarkDecorator:
-    """Both kinds of drives, of which the second is for the night."""
+    """Both kinds of drives: the first in CI, the second in `make nightly`."""
     often = pytest.param(first, marks=pytest.mark.ci("designs, comparisons, campaigns, code"))
     seldom = pytest.param(second, marks=pytest.mark.nightly("the same for the other drives"))
     return pytest.mark.parametrize("servo", [often, seldom], indirect=True)

@@ -37,7 +37,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
 #: The program of each package that a command may need.
 PROGRAMS = {"clang": "clang", "lld": "wasm-ld"}
-#: Blocks that run by night, each alone in a folder with the files of its page, and what does the same with less.
+#: Blocks of `make nightly`, each alone in a folder with the files of its page, and what does the same with less.
 NIGHTLY = {
     "docs/campaigns.md-2": "moves of a workspace; tests/cli/test_workspace.py makes fewer",
     "docs/campaigns.md-5": "searches a disturbance; so does tests/cli/test_campaign.py",
@@ -232,7 +232,7 @@ def _tier(name: str, blocks: list[Block]) -> list[pytest.MarkDecorator]:
 
 
 def chains() -> list[object]:
-    """The blocks of commands of each page, in its order, but those that run by night."""
+    """The blocks of commands of each page, in its order; those of `make nightly` each alone."""
     pages: dict[str, list[Block]] = {}
     for block in BLOCKS:
         if block.language == "sh":
