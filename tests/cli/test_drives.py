@@ -92,6 +92,23 @@ def test_a_design_of_one_pose_goes_everywhere(
     assert (folder / "both" / "index.html").is_file()
 
 
+@pytest.mark.ci("a design and its code")
+@pytest.mark.parametrize("servo", ["velocity"], indirect=True)
+def test_a_workspace_of_velocities_is_designed_moved_and_exported(
+    servo: tuple[str, str, list[str]], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other commands have that of positions below."""
+    _, robot, loop = servo
+    workspaces.few(monkeypatch, POSES=3, GOALS=1, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(18.0,))
+    done(["design", robot, *loop, "--draws", "0", "--out", "whole"])
+    done(["campaign", "run", "whole", "--samples", "2", "--out", "many"])
+    page = (folder / "many" / "index.html").read_text()
+    assert "largest acceleration" not in page
+    done(["export", "c", "whole", "--accept-unmet", "--out", "code"], 0)
+    config = next((folder / "code" / "ros2" / "config").glob("*.yaml")).read_text()
+    assert 'interface: "elbow/velocity"' in config
+
+
 @kinds("position", "velocity")
 def test_a_design_of_the_workspace_goes_everywhere(
     servo: tuple[str, str, list[str]],
