@@ -14,7 +14,10 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
+from flexhinf.design.workspace import proof as workspace_proof
+from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.modal.popov import Errors, Sector
 
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -126,7 +129,11 @@ def test_what_is_of_one_pose_is_refused(
 
 @pytest.mark.ci("designs a workspace and a pose")
 def test_other_commands_take_its_folder_or_say_why_not(
-    robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
+    robot: str,
+    folder: Path,
+    refused: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     main(["design", robot, "--draws", "0", "--out", "made"])
     refused(["certify", "made", "--observer", "10"], "--observer", folder)
@@ -136,7 +143,15 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert unnamed(capsys.readouterr().out, "Criterion", "pid", "design", "unstable poses") == []
     laws = json.loads((folder / "flexhinf-compare" / "comparison.json").read_text(encoding="utf-8"))["laws"]
     assert [(law["name"], law["stated"], law["bandwidth"]) for law in laws][1:] == [("pid", True, 12.0)]
+    kept = list[WorkspaceProof]()
+    monkeypatch.setattr(
+        workspace_proof, "prove_workspace", lambda *words: kept.append(prove_workspace(*words)) or kept[0]
+    )
     assert main(["certify", "made", "--out", "proof"]) == 0
+    stated = kept[0].stated._replace(errors=Errors(Sector(0.9, 0.9)))
+    kept[0] = kept[0]._replace(stated=stated)
+    monkeypatch.setattr(workspace_proof, "prove_workspace", lambda *words: kept[0])
+    assert main(["certify", "made", "--out", "less"]) == 1  # than the file states
     proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
     assert 0.0 < proof["proved"]["lower"] < proof["computed"]["lower"] < abs(proof["unstable"]["error"])
     assert [text[:3] for text in proof["hypotheses"]] == ["1. ", "2. ", "3. ", "4. ", "5. "]
