@@ -19,6 +19,9 @@ pytestmark = pytest.mark.ci("a processor that QEMU emulates")
 #: multiply-add, 14 for a division (Cortex-M4 technical reference manual); the mean is below 2 (docs/deployment.md).
 CYCLES, PER_INSTRUCTION = 168_000, 2
 
+#: Bytes of the program in flash and instructions of a step, as measured with GCC 12.
+FLASH, INSTRUCTIONS = 12_800, 12_250
+
 
 @pytest.fixture(scope="module")
 def folder(controller: fh.Controller, tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -43,9 +46,13 @@ def test_one_link_runs_at_1_kHz_in_32_kB_of_flash(folder: Path) -> None:
     cost = re.search(r"(\d+) instructions.* (\d+); (\d+) bytes of stack", done.stdout)
     assert cost is not None
     mean, most, stack = map(int, cost.groups())
-    assert 1_000 < mean <= most
+    assert mean <= most
     assert most * PER_INSTRUCTION < CYCLES
     assert 0 < stack < 2_000
+    assert (int(sizes[1]), mean) == (
+        pytest.approx(FLASH, rel=0.1),
+        pytest.approx(INSTRUCTIONS, rel=0.1),
+    ), "if meant: make bench-firmware, and the numbers above"
 
 
 def test_the_command_of_safety_measures_the_worst_case(folder: Path) -> None:
