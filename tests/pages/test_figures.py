@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,8 +19,19 @@ from flexhinf.pages import campaign, certificate, comparison_figures
 from flexhinf.pages.design.frequency import Loop, _lines, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
-from flexhinf.pages.drawing import Units, framed, joint_panel, joint_panels, thin
-from flexhinf.report import new_figure
+from flexhinf.pages.drawing import (
+    Line,
+    Panel,
+    Units,
+    draw_figure,
+    framed,
+    joint_panel,
+    joint_panels,
+    thin,
+    with_figures,
+)
+from flexhinf.processors import limited_threads
+from flexhinf.report import Figure, new_figure
 
 Make = Callable[[str], PoseEvidence]
 
@@ -30,6 +42,23 @@ def test_instants_are_where_parts_of_the_way_are_done() -> None:
     assert instants(positions, np.zeros(2), np.array([1.0, 2.0])) == [0, 25, 50, 75, 100]
     assert instants(positions[:40], np.zeros(2), np.array([1.0, 2.0])) == [0, 25, 39]
     assert instants(positions, np.ones(2), np.ones(2)) == [0]
+
+
+def test_any_number_of_processes_draws_the_same_figures() -> None:
+    """Three: the first is drawn here, and two processes share the others."""
+
+    def figures(count: int) -> list[str]:
+        with limited_threads(count):
+            (blocks,) = with_figures(partial(curve, k) for k in (1, 2, 3))
+        return [block.html() for block in blocks]
+
+    def curve(k: int) -> Figure:
+        x = np.linspace(0.0, 1.0, 20)
+        return draw_figure(f"power-{k}", [Panel("way", "m", [Line(x, x**k, None, {})])], "way", "way")
+
+    alone = figures(1)
+    assert len(set(alone)) == 3
+    assert figures(2) == alone
 
 
 def test_a_robot_without_lengths_is_not_drawn() -> None:
