@@ -31,6 +31,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 import pytest
+from tests import workspaces
 from tests.store import COLUMNS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -51,7 +52,7 @@ NIGHTLY = {
     "docs/identify.md-4": "designs twice; tests/identification/test_circle.py does it in Python",
     "docs/moves.md-6": "goals in space; docs/moves.md-4 has others, tests/design/test_cartesian.py these",
     "docs/moves.md-7": "one more command; docs/moves.md-4 has another, tests/design/test_plans.py shapes steps",
-    "docs/moves.md-8": "a design as in README.md-2; tests/loop/signals/test_moving.py moves along such waypoints",
+    "docs/moves.md-8": "two designs; below it runs with a smaller search",
     "docs/package.md-2": "two designs, one as in README.md-2, one as in docs/robots.md-7",
     "docs/robots.md-4": "a design of a file of one's own, as docs/start/index.md-4",
     "docs/robots.md-5": "as the program of that page, docs/robots.md-7",
@@ -369,6 +370,15 @@ def test_every_command_of_a_page_runs_as_it_is_printed(blocks: list[Block], tmp_
         pytest.skip(f"missing: what {', '.join(absent)} say that they need; the rest ran")
 
 
+@pytest.mark.ci("designs with few poses, goals and bandwidths")
+@pytest.mark.usefixtures("unoptimised")
+def test_the_program_of_moves_runs_with_a_smaller_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it is printed; what it designs is looked for among less."""
+    (block,) = (block for block in BLOCKS if block.name == "docs/moves.md-8")
+    workspaces.few(monkeypatch, POSES=3, GOALS=1, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(28.0,))
+    exec(compile(block.text, block.name, "exec"), {"__name__": "__main__"})
+
+
 @pytest.mark.costs("starts an interpreter for each program")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("block", programs())
@@ -438,8 +448,8 @@ def test_no_block_is_left_out() -> None:
     assert nameless == []
 
 
-def test_commands_in_a_sentence_have_options_that_exist() -> None:
-    """Commands between single backquotes have placeholders, so they are compared with ``--help``."""
+def test_commands_that_do_not_run_here_have_options_that_exist() -> None:
+    """Commands between single backquotes have placeholders; those of `make nightly` run seldom."""
     from typer.main import get_command
 
     from flexhinf.cli.commands import app
@@ -447,7 +457,16 @@ def test_commands_in_a_sentence_have_options_that_exist() -> None:
     whole = get_command(app)
     for page in (*PAGES, REPOSITORY / "CHANGELOG.md"):
         prose = _FENCE.sub("", page.read_text(encoding="utf-8"))
-        for text in re.findall(r"`flexhinf ([^`]*)`", prose):
+        shown = [block for block in BLOCKS if block.language == "sh" and REPOSITORY / block.page == page]
+        for text in (
+            *re.findall(r"`flexhinf ([^`]*)`", prose),
+            *(
+                shlex.join(each.words[1:])
+                for block in shown
+                if block.name in NIGHTLY
+                for each in block.commands
+            ),
+        ):
             command, words = whole, text.split()
             while words and words[0] in getattr(command, "commands", ()):
                 command = command.commands[words.pop(0)]  # pyright: ignore[reportAttributeAccessIssue]
