@@ -63,13 +63,13 @@ def test_a_table_of_counts_is_near_the_counts(name: str, repository: Path) -> No
 
 
 #: Parts of several designs; those of one are computed in `make ci`.
-BY_NIGHT = {
+IN_NIGHTLY = {
     "presets": "designs the arm eight times", "laws": "tunes every law",
     "circle": "identifies and designs twice", "step": "designs two links, and a rigid one",
     "moves": "designs two links", "augmentation": "simulates every choice of noise",
 }  # fmt: skip
 #: Pictures whose commands run as they are printed in tests/docs/test_commands.py, or take long.
-BY_NIGHT |= {
+IN_NIGHTLY |= {
     f"picture-{page.rpartition('/')[2]}": "the block of a page once more, which tests run as it is printed"
     for page in runpy.run_path(str(Path(__file__).resolve().parents[2] / "docs" / "pictures.py"))["PICTURES"]
     if page not in ("robots", "estimators", "guides/own_plant")
@@ -81,8 +81,8 @@ BY_NIGHT |= {
     [
         pytest.param(
             name,
-            marks=pytest.mark.nightly(BY_NIGHT[name])
-            if name in BY_NIGHT
+            marks=pytest.mark.nightly(IN_NIGHTLY[name])
+            if name in IN_NIGHTLY
             else pytest.mark.ci("designs or sweeps"),
         )
         for name in MAKE["SLOW"]

@@ -20,7 +20,7 @@ OPTIONS = {
     "diverging": {"gamma_ratio": 1.0001, "measurement_noise": 1.0},
 }
 in_ci = pytest.mark.ci("judges claims in hundreds of runs")
-by_night = pytest.mark.nightly(
+in_nightly = pytest.mark.nightly(
     "runs of 2048 corners that diverge; the claim is judged of other runs in `make ci`"
 )
 
@@ -32,7 +32,7 @@ by_night = pytest.mark.nightly(
             claim,
             options,
             id=f"{name}-{claim.id}",
-            marks=by_night if (name, claim) == ("diverging", TOLERANCES) else in_ci,
+            marks=in_nightly if (name, claim) == ("diverging", TOLERANCES) else in_ci,
         )
         for name, options in OPTIONS.items()
         for claim in (COIL, GAIN, TOLERANCES, *UKF[1:])
