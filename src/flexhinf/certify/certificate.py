@@ -33,7 +33,7 @@ from flexhinf.certify.claim import Claim, Function, Observer, PolynomialTerms, S
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised
-from flexhinf.numerals import number_text
+from flexhinf.numerals import number, number_text
 from flexhinf.processors import thread_count
 from flexhinf.validation import checked_path, read_text, value_text
 
@@ -515,8 +515,8 @@ def verification_text(verification: Verification) -> str:
         )
     return (
         f"PROVED again from the certificate's data alone: {verification.cells:,} cells on {verification.faces} faces, "
-        f"{verification.accepted:,} accepted, {verification.with_level:,} of them by V <= c; rounding is allowed "
-        f"{verification.rounding:.1e} in r/rho^2.\n"
+        f"{verification.accepted:,} accepted, {verification.with_level:,} of them by V ≤ c; rounding is allowed "
+        f"{number(verification.rounding, 2)} in r/ρ².\n"
         + (
             "Every one of them, and every cell at which the level set ended "
             f"({verification.resampled:,} in all), was"
