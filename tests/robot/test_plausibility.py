@@ -45,7 +45,7 @@ def loaded(tmp_path, **changes):
         ({"motor": 3.3e6}, True, r"0.33 if 3.3e\+06 g·cm²"),
         ({"motor": 5000.0}, False, r"motor[\s\S]* 0\.5 .*5000 kg·cm²"),
         ({"motor": 450.0}, False, r"motor[\s\S]* 0\.045 .*450 kg·cm²"),
-        ({"motor": '{ value = 450.0, source = "estimate: a guess" }'}, False, r"1,818 [\s\S]*data sheet"),
+        ({"motor": '{ value = 4500.0, source = "estimate: a guess" }'}, False, r"18,182 [\s\S]*data sheet"),
         ({"motor": 1e-5}, False, r"rotor_inertia = 1e-05.*gear_ratio"),
         ({"limits": [-170.0, 170.0]}, True, r"degrees(.|\n)*-2\.9671 .* 2\.9671 rad"),
         ({"limits": [-31.4, 31.4]}, False, r"continuous"),
@@ -120,10 +120,11 @@ def test_a_delay_longer_than_the_lowest_vibration_is_asked_for_its_unit() -> Non
             judged(robot, fh.Specification(pose=0.0, period=0.01, unknown_delay=1.0))
 
 
-def test_motors_with_a_doubtful_inertia_are_named_but_for_a_light_wrist(tmp_path) -> None:
+def test_motors_with_a_doubtful_inertia_are_named_but_for_a_light_wrist_and_estimates(tmp_path) -> None:
     with pytest.warns(RobotFileWarning):
         assert heavy_motors(loaded(tmp_path, motor=450.0)) == ["shoulder"]
     assert heavy_motors(fh.load_robot("seven-link")) == []  # 930 times at its last joint
+    assert heavy_motors(loaded(tmp_path, motor='{ value = 450.0, source = "estimate: a guess" }')) == []
 
 
 @pytest.mark.parametrize(("stiffness", "said"), [(9.0, "9 kN·m/rad"), (9e6, "9 kN·m/rad"), (9e3, "")])

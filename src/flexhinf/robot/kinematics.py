@@ -459,8 +459,9 @@ def heavy_motors(robot: Robot) -> list[str]:
 
 
 def _kind_of_motor(robot: Robot, k: int) -> str:
+    """That of a wrist for an estimate too: it has no wrong unit, and is named as an estimate anyway."""
     last = len(robot.joint_names) > 1 and k not in robot.links.tree.parents
-    return "wrist" if last else "motor"
+    return "wrist" if last or robot.joint_names[k] in robot.estimated.get("motor_inertia", ()) else "motor"
 
 
 def check_twist(robot: Robot, file: str) -> None:
@@ -577,8 +578,7 @@ def check_load(robot: Robot, file: str) -> None:
             "rigid = true for this joint instead of [joint.spring]"
             if inertia < PLACEHOLDER
             else "that of the motor's data sheet: this one is an estimate"
-            if per_joint("motor_inertia", joint.name, n)
-            in [each.name for each in robot.parameters if each.estimated]
+            if joint.name in robot.estimated.get("motor_inertia", ())
             else f"{advice}N the gear ratio",
             ratio > UNUSUAL["wrist"][1],
         )
