@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import runpy
 import subprocess
@@ -101,12 +102,14 @@ def test_the_version_is_stated_once(repository: Path, release: dict[str, Any]) -
     assert stated == []
 
 
-def test_the_classifiers_name_the_oldest_python_and_that_of_this_run(repository: Path) -> None:
+def test_the_classifiers_name_the_python_of_ci_and_no_other(repository: Path) -> None:
+    """The oldest one, for which the locks are made. Newer ones may work; nothing tells."""
     project = tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     language = "Programming Language :: Python :: "
     named = [each.removeprefix(language) for each in project["classifiers"] if each.startswith(language)]
-    assert f">={named[0]}" == project["requires-python"]
-    assert f"{sys.version_info.major}.{sys.version_info.minor}" in named
+    assert [f">={each}" for each in named] == [project["requires-python"]]
+    if os.environ.get("CI"):
+        assert named == [f"{sys.version_info.major}.{sys.version_info.minor}"]
 
 
 @pytest.mark.costs("starts git for each case")
