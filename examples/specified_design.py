@@ -18,8 +18,7 @@ specification = fh.Specification(
 found = fh.design(fh.paper_arm(), specification)
 print(found.evidence.status.line)
 for line in found.requirements[:6]:
-    limit = "at most" if line.at_most else "at least"
-    print(f"{line.what}: {limit} {line.limit:g}, achieved {line.found:.3g} {line.unit}")
+    print(line)
 
 # %%
 # The open loop at the motor's input, with its margins.
