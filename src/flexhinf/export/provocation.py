@@ -291,14 +291,12 @@ def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
                 part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
         if parts:
             yield memory
-    rows = math.isqrt(len(root := _places(controller, "root") if exact and first.size <= LARGE else []))
-    single = [slice(k, k + 1) for k in range(rows)]
-    for columns in (*single, *(slice(k, rows) for k in range(rows - 1)), *(slice(k) for k in range(2, rows))):
+    root = _places(controller, "root") if exact and first.size <= LARGE else []
+    rows = math.isqrt(len(root))
+    for column in range(rows):
         table = np.abs(first[root]).max() * rng.standard_normal((rows, rows))
-        table[columns if columns in single else slice(0)] = (
-            0.0  # what is taken for zero would add something here
-        )
-        table[:, columns] = TINY * rng.standard_normal(table[:, columns].shape)
+        table[column] = 0.0  # what is taken for zero would add something here
+        table[:, column] = TINY * rng.standard_normal(rows)
         memory = np.array(first)
         memory[root] = table.ravel()
         yield memory
