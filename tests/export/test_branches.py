@@ -121,7 +121,8 @@ def check(text: str) -> None:
     assert [line for line in others if not any(kind.fullmatch(line) for kind in kinds)] == []
     assert max(map(len, text.splitlines())) <= 132
     # sizes are integers, and no number becomes one
-    helpers = re.findall(r"static \w* ?(?:void|int) (arm_\w+)\([^)]*int \w+[^)]*\)", text)
+    helpers = re.findall(r"static \w* ?(?:void|int) (arm_\w+)\([^)]*\bint \w+\)", text)
+    assert "arm_copy" in helpers
     for name in {*helpers} - {"arm_predict"}:
         for call in re.findall(
             rf"^ +(?:if \()?{name}\((.*)\)", re.sub(r",\n +", ", ", text), flags=re.MULTILINE
