@@ -48,7 +48,9 @@ def room_of(nodeid: str) -> str:
 
 
 def why_of(item: pytest.Item) -> str:
-    """Why a test costs what it does, as its marks say."""
+    """Why a test costs what it does, as its marks say; an example of a docstring has none."""
+    if isinstance(item, pytest.DoctestItem):
+        return "an example as users run it"
     marks = (item.get_closest_marker(name) for name in ("costs", "nightly", "ci"))
     return next((mark.args[0] for mark in marks if mark is not None and mark.args), "")
 

@@ -65,6 +65,7 @@ def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controll
     assert outcome.stdout.strip() == "set()"
 
 
+@pytest.mark.costs("exports C twice")
 def test_the_report_of_a_design(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -75,6 +75,7 @@ def test_motor_torques_that_friction_hides_weigh_nothing() -> None:
     assert unnamed(text(0.98, 0.05), "1 kg", "0.98 kg", "0.05 kg", "design") == []
 
 
+@pytest.mark.costs("evaluates a law, which other tests share")
 def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluation) -> None:
     own = evaluate_payload(evaluation.setup, RUNS, {NAME: 0.02})
     assert own.load_step is None

@@ -213,6 +213,7 @@ def test_gains_of_a_move_are_those_of_its_poses(own: WorkspaceSetup) -> None:
         np.testing.assert_allclose(found, law.slope_at(pose) @ x, rtol=exact, atol=exact)
 
 
+@pytest.mark.costs("compiles a run of a rival")
 @pytest.mark.parametrize("name", ["pd", "pid"])
 def test_a_robot_that_is_heavier_than_the_model_begins_at_rest(own: WorkspaceSetup, name: str) -> None:
     """Without integrals it rests beside the command, where the feedback holds it; with them at the command."""
