@@ -28,9 +28,10 @@ UNITS = {"link_position": "rad", "link_velocity": "rad/s", "quill_velocity": "m/
 def test_states_are_in_degrees_where_the_specification_is(
     degrees: bool, slides: bool, expected: dict[str, str]
 ) -> None:
+    links = SimpleNamespace(slides=(slides,), position_units=("m" if slides else "rad",))
     setup = SimpleNamespace(
         specification=SimpleNamespace(in_degrees=degrees),
-        robot=SimpleNamespace(links=SimpleNamespace(slides=(slides,))),
+        robot=SimpleNamespace(links=links),
         limits=SimpleNamespace(effort_units=("V",)),
         model=SimpleNamespace(unit=UNITS.get),
     )

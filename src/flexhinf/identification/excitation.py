@@ -78,7 +78,7 @@ class Excitation(Summarised):
         """Positions every `period` s as text, as ``--move`` of the commands reads it."""
         times = np.append(np.arange(0.0, self.reference.duration, period), self.reference.duration)
         rows = np.column_stack([times, np.reshape(self.reference(times), (len(times), -1))])
-        units = ["m" if slides else "rad" for slides in self.robot.links.slides]
+        units = self.robot.links.position_units
         head = ", ".join(["time [s]", *(f"{n} [{u}]" for n, u in zip(self.robot.joint_names, units))])
         return "\n".join([head, *(", ".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"
 

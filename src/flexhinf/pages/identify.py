@@ -401,7 +401,7 @@ def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Blocks:
         f"No motion tells this: {each.text}. State one of these numbers." for each in motion.unidentifiable
     ]
     yield note(" ".join(texts))
-    units = ["m" if slides else "rad" for slides in result.stated.links.slides]
+    units = result.stated.links.position_units
     panels = [
         Panel(
             f"position of {name}",

@@ -61,6 +61,11 @@ class JointTree(ABC):
         return tuple(joint.slides for joint in self.tree.joints)
 
     @property
+    def position_units(self) -> tuple[str, ...]:
+        """The unit of each joint's position, rad or m."""
+        return tuple("m" if slides else "rad" for slides in self.slides)
+
+    @property
     def limits(self) -> tuple[tuple[float, float] | None, ...]:
         """Range of each joint, rad or m."""
         return tuple(joint.limits for joint in self.tree.joints)

@@ -117,7 +117,7 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
     low, high = position_ranges(robot)
     path = None
     if isinstance(stated, str) and ":" in stated:
-        units = chain(["m" if slides else "rad" for slides in robot.links.slides], repeat("rad"))
+        units = chain(robot.links.position_units, repeat("rad"))
         ends = np.array([_ends(part, unit) for part, unit in zip(stated.split(","), units)]).T
     elif isinstance(stated, (list, tuple, np.ndarray)):
         ends = real_array(stated).T

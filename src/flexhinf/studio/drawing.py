@@ -54,7 +54,7 @@ class Scales:
         setup = nominal.setup
         self.degrees = setup.specification.in_degrees and not setup.robot.links.slides[joint]
         self.factor = 180.0 / np.pi if self.degrees else 1.0
-        self.position = "°" if self.degrees else ("m" if setup.robot.links.slides[joint] else "rad")
+        self.position = "°" if self.degrees else setup.robot.links.position_units[joint]
         self.effort = setup.limits.effort_units[joint]
 
     def of_state(self, nominal: Nominal, name: str) -> tuple[float, str]:

@@ -141,8 +141,8 @@ class StudioPage:
 
     def _joints_of(self) -> None:
         """Units of the goal, buttons for the joints of the robot, and the first one that moves."""
-        names, slides = self.session.robot.joint_names, self.session.robot.links.slides
-        unit = " or ".join(dict.fromkeys("m" if each else "rad" for each in sorted(slides)))
+        names, units = self.session.robot.joint_names, self.session.robot.links.position_units
+        unit = " or ".join(sorted({*units}, reverse=True))
         for row in self.rows:
             if row.control.field in ("pose", "start"):
                 row.label.text = f"{row.control.label}, {unit}"

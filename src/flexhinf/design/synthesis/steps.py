@@ -556,7 +556,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     zone = responses.integral_dead_zone(robot.joint_names, s.integral_dead_zone, None)
     if zone is not None and (within_zone := (step > 0.0) & (zone >= step)).any():
         joint = int(np.argmax(within_zone))
-        unit = "m" if robot.links.slides[joint] else "rad"
+        unit = robot.links.position_units[joint]
         raise SpecificationError(
             "integral_dead_zone",
             f"The dead zone of joint {robot.joint_names[joint]!r} is as large as its step: nothing is integrated.",
