@@ -218,7 +218,7 @@ def _tried(
     places, judged = controller.data.places, controller.mode.checks_measurements
     ends = [held(one.numbers[places[name]]) for name in ("lower", "upper")]
 
-    def without(run: Recording, repeats: Sequence[int], before: int) -> list[int]:
+    def unseen(run: Recording, repeats: Sequence[int], before: int) -> list[int]:
         return samples_without(run.kinds, run.codes, repeats, judged, before)
 
     def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
@@ -236,7 +236,7 @@ def _tried(
     going = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
     fed, *_ = [one.feed_to(each) for each in going]
     going = going if one.quiet is None else [*map(one.quieted, going)]
-    missing = without(fed, one.repeats, 0)[-1]
+    missing = unseen(fed, one.repeats, 0)[-1]
     for trial in other:
         memory, count = held(trial.memory), len(trial.y)
         last = controller.memory.named(memory).u
@@ -250,7 +250,7 @@ def _tried(
                 runs = [more.feed_to(each, len(one.y)) for each in going]
                 codes, ended = runs[0].codes, True
                 alike = all(run.codes == codes for run in runs) and (exact or FAILED not in codes)
-                counts = without(runs[0], more.repeats[len(one.y) :], missing)
+                counts = unseen(runs[0], more.repeats[len(one.y) :], missing)
                 if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
                     one, missing, before = more, counts[-1], []
             for each, copied in zip(going, before):
