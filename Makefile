@@ -53,7 +53,7 @@ check: environment-dev
 	$(PY) -m pytest $(QUICK)
 
 ci: environment-dev
-	FLEXHINF_SCREENSHOTS=$(CURDIR)/build/screenshots $(PY) -m pytest -m "ci and not nightly" $(SHARED)
+	$(PY) -m pytest -m "ci and not nightly" $(SHARED)
 
 # Needs example-robot-data (414 MB), which no lock has, and `make peers`; what is missing is skipped by name.
 nightly: environment-dev

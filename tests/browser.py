@@ -17,7 +17,7 @@ WINDOWS = {390: 844, 1280: 800, 1920: 1080}
 #: Names of the program.
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 
-#: The folder in which screenshots are kept; without it they go where pytest keeps temporary files.
+#: The folder in which screenshots are kept; without it none is taken.
 SCREENSHOTS = "FLEXHINF_SCREENSHOTS"
 
 
@@ -63,11 +63,10 @@ def opened(browser: Any, file: Path | str, width: int = 1280, **options: Any) ->
         context.close()
 
 
-def kept(folder: Path, name: str) -> Path:
-    """Where a screenshot is written: in `SCREENSHOTS`, or in a temporary folder."""
-    place = Path(os.environ.get(SCREENSHOTS) or folder)
-    place.mkdir(parents=True, exist_ok=True)
-    return place / f"{name}.png"
+def keep(page: Any, name: str, **options: Any) -> None:
+    """Take a screenshot for somebody who looks at it; `options` are Playwright's."""
+    if place := os.environ.get(SCREENSHOTS):
+        page.screenshot(path=Path(place) / f"{name}.png", **options)
 
 
 def serious(page: Any, **options: Any) -> list[str]:

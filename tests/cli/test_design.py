@@ -58,8 +58,12 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     "words",
     ci_and_night(
         "a whole design",
-        ["paper --pose 90deg", "planar-two-link --pose 0.6,0.4 --degrees 2 --draws 2"],
-        ["vertical-rig", "planar-two-link --damping 0.6 --draws 2"],
+        ["paper --pose 90deg"],
+        [
+            "planar-two-link --pose 0.6,0.4 --degrees 2 --draws 2",
+            "vertical-rig",
+            "planar-two-link --damping 0.6 --draws 2",
+        ],
     ),
 )
 def test_all_that_a_design_prints_is_one_screen(

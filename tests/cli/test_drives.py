@@ -66,7 +66,7 @@ def test_a_design_of_one_pose_goes_everywhere(
     quick = quick[:-1] if quick[-1] == "--set" else quick
     done(["design", robot, *loop, "--pose", "0.6", *quick, "--out", "one"])
     design = tomllib.loads((folder / "one" / "design.toml").read_text())
-    done(["design", robot, *loop, "--pose", "0.6", *quick, "--preset", "robust", "--out", "other"])
+    done(["design", robot, *loop, "--pose", "0.6", *quick, "--preset", "paper", "--out", "other"])
     assert design["design"]["robot"] == f"../{robot}"
     done(
         [

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser import WINDOWS, kept, opened, serious
+from tests.browser import WINDOWS, keep, opened, serious
 
 pytestmark = pytest.mark.ci("a browser, and the site that was built before")
 
@@ -75,9 +75,7 @@ def address(repository: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("kind", PAGES)
-def test_a_page_of_the_site_is_accessible_and_legible(
-    browser: Any, address: str, tmp_path: Path, kind: str
-) -> None:
+def test_a_page_of_the_site_is_accessible_and_legible(browser: Any, address: str, kind: str) -> None:
     """Problems are looked for in the narrowest window, light, and in the widest, dark."""
     with opened(browser, f"{address}/{PAGES[kind]}", min(WINDOWS), reduced_motion="reduce") as page:
         if kind == "search":
@@ -85,7 +83,7 @@ def test_a_page_of_the_site_is_accessible_and_legible(
         for (width, height), scheme in zip(WINDOWS.items(), ("light", "light", "dark"), strict=True):
             page.set_viewport_size({"width": width, "height": height})
             page.emulate_media(color_scheme=scheme)
-            page.screenshot(path=kept(tmp_path, f"site-{kind}-{width}-{scheme}"))
+            keep(page, f"site-{kind}-{width}-{scheme}")
             if width != 1280:
                 assert serious(page, preload=False) == []
             assert page.evaluate("document.documentElement.scrollWidth") <= width

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.browser import WINDOWS, kept, opened, serious
+from tests.browser import WINDOWS, keep, opened, serious
 from tests.report.test_browser import LEGIBLE, LETTERS, UNFOLD
 
 import flexhinf as fh
@@ -113,16 +113,14 @@ def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, page_of: Any,
 
 
 @pytest.mark.parametrize("kind", cases(KINDS))
-def test_pages_have_no_serious_problem_and_legible_letters(
-    browser: Any, page_of: Any, folder: Path, kind: str
-) -> None:
+def test_pages_have_no_serious_problem_and_legible_letters(browser: Any, page_of: Any, kind: str) -> None:
     """Problems are looked for in the narrowest window, light, and in the widest, dark."""
     file = page_of(kind)
     for width in WINDOWS:
         with opened(browser, file, width) as page:
             for scheme in ("light", "dark"):
                 page.emulate_media(color_scheme=scheme)
-                page.screenshot(path=kept(folder / "screenshots", f"{kind}-{width}-{scheme}"))
+                keep(page, f"{kind}-{width}-{scheme}")
             assert page.evaluate("document.documentElement.scrollWidth") <= width
             page.evaluate(UNFOLD)
             if width != 1280:

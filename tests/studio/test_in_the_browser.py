@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser import kept, serious
+from tests.browser import keep, serious
 from tests.refusals import unnamed
 
 from flexhinf.studio.controls import CONTROLS
@@ -454,6 +454,6 @@ def test_it_fits_a_window(opened: Open, tmp_path: Path, robot: str) -> None:
             for width in (390, 1280, 1920):
                 page.set_viewport_size({"width": width, "height": 900})
                 page.evaluate(DRAWN)
-                page.screenshot(path=kept(tmp_path, f"studio-{robot}-{scheme}-{width}"), full_page=True)
+                keep(page, f"studio-{robot}-{scheme}-{width}", full_page=True)
                 assert page.evaluate("document.documentElement.scrollWidth") <= width
         page.close()  # before its server ends

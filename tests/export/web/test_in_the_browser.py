@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser import WINDOWS, kept, serious
+from tests.browser import WINDOWS, keep, serious
 from tests.export.web.conftest import moving_live_arm, paper_live_arm
 
 import flexhinf.export.web as web
@@ -372,12 +372,12 @@ def test_nobody_who_asks_for_rest_is_moved(opened: Open) -> None:
 
 @pytest.mark.parametrize("width", WINDOWS)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_everybody_can_use_it(width: int, scheme: str, opened: Open, tmp_path: Path) -> None:
-    """Axe finds nothing serious, nothing is wider than the screen; a picture is kept."""
+def test_everybody_can_use_it(width: int, scheme: str, opened: Open) -> None:
+    """Axe finds nothing serious, nothing is wider than the screen."""
     page = opened("two", viewport={"width": width, "height": WINDOWS[width]}, color_scheme=scheme)
     page.clock.run_for(1200)
     page.clock.resume()  # axe and the picture wait for the page
-    page.screenshot(path=kept(tmp_path, f"live-{width}-{scheme}"))
+    keep(page, f"live-{width}-{scheme}")
     page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
     assert serious(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
