@@ -65,7 +65,7 @@ def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controll
     assert outcome.stdout.strip() == "set()"
 
 
-@pytest.mark.costs("exports C twice")
+@pytest.mark.ci("exports C twice")
 def test_the_report_of_a_design(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -99,6 +99,7 @@ def test_the_report_of_a_design(
     assert not report.unchanged(tmp_path, ("controller",))
 
 
+@pytest.mark.ci("exports C twice")
 def test_the_header_says_when_and_of_which_robot_file_and_two_exports_are_the_same(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

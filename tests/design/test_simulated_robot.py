@@ -22,7 +22,8 @@ pytestmark = [
 SAMPLES = 60
 
 
-@pytest.mark.parametrize("delay", [3, pytest.param(0, marks=pytest.mark.ci("compiles another loop"))])
+@pytest.mark.ci("compiles two loops")
+@pytest.mark.parametrize("delay", [3, 0])
 def test_its_robot_moves_as_that_of_a_loop(delay: int) -> None:
     """Quantised, and with inputs that are late; the numbers are the loop's, bit by bit."""
     robot, controller = robot_of("planar-two-link"), workspace_controller()

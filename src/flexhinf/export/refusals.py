@@ -49,6 +49,8 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
         f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
         "a design with --period of that length",
     )
+    if not (flash or ram):
+        return ""
     code = code_of(controller, "controller", real)
     whole, constants = cortex_m4_bytes(code) if flash else None, code.constants * code.real.bytes
     kind, where = (

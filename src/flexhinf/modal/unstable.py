@@ -15,7 +15,6 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from flexhinf.arrays import Vector
 from flexhinf.modal.popov import SampledPairs
@@ -69,6 +68,8 @@ def smallest_unstable(pairs: SampledPairs, mixed: bool = True, count: int = 60) 
 
 def _mixed(pairs: SampledPairs, best: UnstableError) -> UnstableError:
     """The smallest error of two pairs, if it is smaller than the best so far."""
+    from scipy.optimize import minimize
+
     low, high = np.log(pairs.gains.ends)
     places = [
         np.array([x, y, turn])

@@ -102,14 +102,15 @@ def integral_relief(slope: np.ndarray, room: np.ndarray) -> np.ndarray:
     beyond their limits and zeros. Of such K, Λ has real eigenvalues from 0 to its spectral radius, so integrals decay,
     to where the excess is what the errors add in 1/ρ samples. ρ is `RELIEF`, and less where the radius is above 1/ρ.
     """
-    from scipy.optimize import linear_sum_assignment
-
     moved = np.abs(slope) / np.where(np.isfinite(room) & (room > 0.0), room, 1.0)[:, None]
     largest = np.max(moved, axis=0, initial=0.0)
     moved = moved / np.where(largest > 0.0, largest, 1.0)
     own = np.argmax(moved, axis=0) if moved.size else np.zeros(0, dtype=int)
-    inputs, integrals = linear_sum_assignment(np.log(moved + np.finfo(float).tiny), maximize=True)
-    own[integrals] = inputs
+    if moved.shape[1] > 1:
+        from scipy.optimize import linear_sum_assignment
+
+        inputs, integrals = linear_sum_assignment(np.log(moved + np.finfo(float).tiny), maximize=True)
+        own[integrals] = inputs
     columns = np.arange(slope.shape[1])
     gains = slope[own, columns]
     used = gains != 0.0
