@@ -9,6 +9,7 @@ import re
 import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.export import controller_files
-from flexhinf.export.controller_c import code_of
+from flexhinf.export.controller_c import OWN, code_of
 from flexhinf.export.feedforward import export_feedforward
 from flexhinf.export.fmu import export_plant_fmu
 from flexhinf.export.names import law_terms, named_parameters, parameter_units
@@ -43,6 +44,14 @@ def law_numbers(source: str) -> list[tuple[float, str]]:
     return [
         (float(number), term) for number, term in re.findall(r"^\s*(\S+), /\* (.*) \*/$", block, re.MULTILINE)
     ]
+
+
+def test_no_function_of_a_model_takes_a_name_of_the_source() -> None:
+    template = (files("flexhinf.export") / "templates/controller.c").read_text(encoding="utf-8")
+    text = template.replace("@{name}", "arm")
+    names = set(re.findall(r"^(?:[a-z][^=;({]*?\b|\} )arm_(\w+)[(\[]", text, re.MULTILINE))
+    assert len(names) > 20
+    assert names <= OWN
 
 
 @pytest.mark.ci("writes the code of an unscented filter twice")

@@ -66,28 +66,36 @@ class Places:
         """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
         if self.controller.mode.checks_measurements:
             return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
-        return next((place for name, place, _ in self.belief() if name == "AT_REJECTED_OF_BELIEF"), None)
+        return self._of_belief("rejected")
+
+    def _at(self, part: str) -> str:
+        """The constant for where a part of the memory begins."""
+        return f"{self.prefix}_AT_{part.upper()}"
+
+    def _of_belief(self, part: str) -> int | None:
+        """Where a part of the belief begins in the memory; None without it."""
+        name = self._at(f"{part}_of_belief")
+        return next((place for constant, place, _ in self.belief() if constant == name), None)
 
     def memory(self) -> list[Row]:
         """The parts of the memory, and the places of the estimated states in it."""
         return [*self._memory(), *self._states()]
 
     def _states(self) -> list[Row]:
-        mean = [place for name, place, _ in self.belief() if name == "AT_MEAN_OF_BELIEF"]
-        return [
-            (name, place + k, f"mean of {comment(state)}")
-            for place in mean
-            for k, (name, state) in enumerate(zip(constants("AT_X", self.signals["X"]), self.signals["X"]))
-        ]
+        mean, states = self._of_belief("mean"), self.signals["X"]
+        if mean is None:
+            return []
+        named = zip(constants(self._at("x"), states), states)
+        return [(name, mean + k, f"mean of {comment(state)}") for k, (name, state) in enumerate(named)]
 
     def _memory(self) -> list[Row]:
         rows: list[Row] = []
         for name, place in self.controller.memory.places.items():
-            rows.append((f"AT_{name.upper()}", place.start, comment(MEMORY[name])))
+            rows.append((self._at(name), place.start, comment(MEMORY[name])))
             rows += self.belief() if name == "belief" else []
-            rows += [(f"AT_{row.upper()}", begin, text) for row, begin, _, text in _rows(name, place)]
+            rows += [(self._at(row), begin, text) for row, begin, _, text in _rows(name, place)]
         if self.rejected is not None:
-            rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
+            rows.append((self._at("rejected"), self.rejected, "how many of each measurement were rejected"))
         return rows
 
     def belief(self) -> list[Row]:
@@ -96,9 +104,8 @@ class Places:
         if estimator is not None:
             place = self.controller.memory.places["belief"].start
             for name, part in zip(estimator.initial._fields, estimator.initial):
-                rows.append(
-                    (f"AT_{name.upper()}_OF_BELIEF", place, " x ".join(map(str, np.shape(part) or (1,))))
-                )
+                shape = " x ".join(map(str, np.shape(part) or (1,)))
+                rows.append((self._at(f"{name}_of_belief"), place, shape))
                 place += np.size(part)
         return rows
 
@@ -140,8 +147,7 @@ class Places:
 
     def parts(self) -> dict[str, tuple[Part, ...]]:
         """The parts of the buffers of the step's program."""
-        whole = {"AT_BELIEF", "AT_REJECTED"} if self.belief() else set[str]()
-        whole |= {f"AT_{name.upper()}" for name in ROWS}
+        whole = {*map(self._at, (*ROWS, *(("belief", "rejected") if self.belief() else ())))}
         memory = tuple(Part(name, place) for name, place, _ in self._memory() if name not in whole)
         data = tuple(
             Part(f"{self.prefix}_P_{name.upper()}", begin) for name, begin, size in self._pieces() if size

@@ -26,13 +26,12 @@ from markupsafe import Markup
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, comment, constant, folded
 from flexhinf.codegen.c.functions import template_reader
-from flexhinf.export.own_names import with_own_names
 
 #: Endings of the files in which every value is escaped, and of those whose lines of C are folded.
 ESCAPED, FOLDED = (".xml", ".html"), (".c", ".h", ".ino")
 
-#: Sources whose static names begin with that of the export, and with what behind it.
-OWN_NAMES = {"controller.c": "", "follow.c": "_follow"}
+#: Sources that take their macros back, so that several exports may be compiled as one file.
+JOINED = ("controller.c", "follow.c")
 
 
 def render(template: str, /, **values: object) -> str:
@@ -48,7 +47,10 @@ def render_text(text: str, /, **values: object) -> str:
 def render_c(template: str, name: str, real: Real, /, **values: object) -> str:
     """A template of C for a name and a type of numbers; lines of C are folded."""
     text = render(template, **c_values(name, real), **values)
-    text = with_own_names(text, name + OWN_NAMES[template]) if template in OWN_NAMES else text
+    if template in JOINED:
+        macros = dict.fromkeys(re.findall(rf"^#define (?!{name.upper()})(\w+)", text, re.MULTILINE))
+        ends = "".join(f"#undef {macro}\n" for macro in macros)
+        text = f"{text.rstrip(chr(10))}\n\n/* These names are of this file alone. */\n{ends}"
     return folded(text) if template.endswith(FOLDED) else text
 
 

@@ -7,6 +7,7 @@ computed before it, by a line of its own: a step then takes as long whatever it 
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ NOTHING: Mapping[int, str] = MappingProxyType({})
 
 #: Operations, and about so many characters, of one expression at most.
 MOST, WIDEST = 4, 90
+
+#: What names of places in the memory begin with.
+OWN = re.compile(r"\w+?_(?=AT_)")
 
 
 @dataclass(frozen=True)
@@ -108,9 +112,11 @@ class Expressions:
         return found
 
     def _width(self, value: int) -> int:
-        """Characters of a leaf, about."""
+        """Characters of a leaf, about; of a place in the memory without the file's own name, which says nothing."""
         operation = self.flow.operations[value]
-        return len(self._read(*operation.arguments)) if operation.code == casadi.OP_INPUT else 6
+        return (
+            len(OWN.sub("", self._read(*operation.arguments), 1)) if operation.code == casadi.OP_INPUT else 6
+        )
 
     def lines(self, values: Sequence[int]) -> list[int]:
         """Those of the values that are no part of another's expression."""

@@ -54,9 +54,6 @@ PASSED = 2
 #: Lines of a body with which a function is cut at last: with fewer, what passes numbers on is most of it.
 FEWEST = 24
 
-#: How names of places in an argument begin; the file's own name is put before them when it is whole.
-PLACE = re.compile(r"\bAT_")
-
 #: Some of a function's outputs, as `Dataflow` has them.
 Results = list[tuple[int, int, int]]
 
@@ -74,7 +71,7 @@ class FunctionText:
     `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
     of each stage. `elements`: Of each argument and result, the indices of its elements or elements of `parts`, names of
     places in an argument; None where they are 0, 1, … `labels`: What values are called. `most`: Lines of a body that is
-    cut. `prefix`: The file's own name in capitals.
+    cut.
     """
 
     name: str
@@ -92,7 +89,6 @@ class FunctionText:
     parts: Mapping[str, str] = field(default_factory=dict[str, str])
     labels: Mapping[int, str] = field(default_factory=dict[int, str])
     most: int = MOST
-    prefix: str = ""
 
     def fitted(self) -> FunctionText:
         """The same, cut so that each function has `LINES` at most, with its head and what it stores at its end."""
@@ -107,8 +103,8 @@ class FunctionText:
 
     @cached_property
     def longest(self) -> int:
-        """Lines of the longest function, as its file has it: names of places get the file's own name there."""
-        return max(length(PLACE.sub(rf"{self.prefix}_\g<0>", text)) for text in self.texts.values())
+        """Lines of the longest function."""
+        return max(map(length, self.texts.values()))
 
     @cached_property
     def texts(self) -> dict[str, str]:

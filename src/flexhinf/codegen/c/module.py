@@ -232,7 +232,7 @@ class Translator:
         for k, (name, piece) in enumerate(zip(names, (*step.inputs, *step.outputs))):
             if name == piece.buffer in self._parts and piece.size != self._numbers[piece.buffer]:
                 part = self._parts[piece.buffer].at(piece).split(" + ")[1]
-                names[k] = re.sub(r"^(at|\w+_p)_", "", part.lower())
+                names[k] = re.sub(rf"^{self.prefix}_(at|p)_".lower(), "", part.lower())
         return tuple(names)
 
     def _size(self, piece: Slice) -> int | str:
@@ -506,7 +506,6 @@ class Translator:
                 elements,
                 places,
                 labels,
-                prefix=self.prefix.upper(),
             ).fitted()
             texts = writer.texts
             if not texts.keys() & self.functions.keys():

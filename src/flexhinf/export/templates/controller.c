@@ -45,12 +45,12 @@ const @{name}_param @{name}_defaults = {
 /* Where the parts of the memory begin. */
 @{code.places.memory() | enumeration}
 
-static const real initial_memory[@{NAME}_MEMORY] = {
+static const real @{name}_initial_memory[@{NAME}_MEMORY] = {
 @{initial}
 };
 
 /* The input before the first sample, within its limits. */
-#define SAFE (initial_memory + AT_U)
+#define SAFE (@{name}_initial_memory + @{NAME}_AT_U)
 
 /* The mark of a state that was initialised, and the largest count of samples without a measurement. */
 #define INITIALISED 0x1d1e5e7au
@@ -73,7 +73,7 @@ static int @{name}_some(const real *y)
 static int @{name}_believed(const @{name}_state *state, const @{name}_param *param, const real *y)
 {
     real some[1];
-    @{plausible}(y, state->memory + AT_SEEN{% for part in ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE") %}, param->value + @{NAME}_P_@{part}{% endfor %}, some);
+    @{plausible}(y, state->memory + @{NAME}_AT_SEEN{% for part in ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE") %}, param->value + @{NAME}_P_@{part}{% endfor %}, some);
     return (some[0] > @{zero}) ? 1 : 0;
 }
 
@@ -100,7 +100,7 @@ static int @{name}_predict(@{name}_state *state, const @{name}_param *param,
 #define REFUSED @{NAME}_BAD_ARITHMETIC
 
 /* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
-static int same(const real *one, const real *other, int count)
+static int @{name}_same(const real *one, const real *other, int count)
 {
     for (int i = 0; i < count; ++i) {
         if (one[i] < other[i] || one[i] > other[i]) {
@@ -111,23 +111,23 @@ static int same(const real *one, const real *other, int count)
 }
 
 /* The other one (b) where a is no number. */
-static real larger(real a, real b)
+static real @{name}_larger(real a, real b)
 {
     return (a > b) ? a : b;
 }
 
-static real smaller(real a, real b)
+static real @{name}_smaller(real a, real b)
 {
     return (a < b) ? a : b;
 }
 
 /* An input (from) within the caller's limits and the design's; what is no number becomes the lower limit. */
-static void limit(const @{name}_param *param, const real *from, real *to)
+static void @{name}_limit(const @{name}_param *param, const real *from, real *to)
 {
     for (int i = 0; i < @{NAME}_INPUTS; ++i) {
         const real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
-        const real above = larger(from[i], larger(param->value[@{NAME}_P_LOWER + i], least));
-        to[i] = larger(smaller(above, smaller(param->value[@{NAME}_P_UPPER + i], most)), least);
+        const real above = @{name}_larger(from[i], @{name}_larger(param->value[@{NAME}_P_LOWER + i], least));
+        to[i] = @{name}_larger(@{name}_smaller(above, @{name}_smaller(param->value[@{NAME}_P_UPPER + i], most)), least);
 {% if code.unlimited %}
         to[i] = (isfinite(to[i]) != 0) ? to[i] : SAFE[i];
 {% endif %}
@@ -136,7 +136,7 @@ static void limit(const @{name}_param *param, const real *from, real *to)
 
 /* The mean by which the time between steps is off, in periods: of the last some 32. A time that is none, or a long one,
  * counts as two periods too long. */
-static real slipped(real slip, real elapsed)
+static real @{name}_slipped(real slip, real elapsed)
 {
     const real periods = elapsed / @{NAME}_PERIOD;
     const real before = (slip >= @{number(-1.0)} && slip <= @{number(2.0)}) ? slip : @{zero};
@@ -144,12 +144,12 @@ static real slipped(real slip, real elapsed)
     return before + ((off - before) * @{number(0.03125)});
 }
 
-static void begin(@{name}_state *state)
+static void @{name}_begin(@{name}_state *state)
 {
     @{name}_copy(state->start, state->memory, @{NAME}_MEMORY);
     @{name}_copy(state->start, state->newer, @{NAME}_MEMORY);
     @{name}_copy(state->start, state->older, @{NAME}_MEMORY);
-    @{name}_copy(state->start + AT_U, state->held, @{NAME}_INPUTS);
+    @{name}_copy(state->start + @{NAME}_AT_U, state->held, @{NAME}_INPUTS);
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         state->unseen[i] = 0;
     }
@@ -164,15 +164,15 @@ static void begin(@{name}_state *state)
 
 int @{name}_init(@{name}_state *state)
 {
-    @{name}_copy(initial_memory, state->start, @{NAME}_MEMORY);
+    @{name}_copy(@{name}_initial_memory, state->start, @{NAME}_MEMORY);
 {% if code.starts_anywhere %}
-    @{name}_copy(initial_memory, state->estimate, @{NAME}_STATES);
+    @{name}_copy(@{name}_initial_memory, state->estimate, @{NAME}_STATES);
 {% else %}
     for (int i = 0; i < @{NAME}_STATES; ++i) {
         state->estimate[i] = @{zero};
     }
 {% endif %}
-    begin(state);
+    @{name}_begin(state);
     state->refused = (@{name}_exact() != 0) ? 0 : REFUSED;
     return state->refused;
 }
@@ -187,11 +187,11 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
             @{name}_copy(estimate, state->start, @{NAME}_STATES);
             @{name}_copy(estimate, state->estimate, @{NAME}_STATES);
 {% if holding %}
-            if (same(estimate, initial_memory, @{NAME}_STATES) == 0) {
+            if (@{name}_same(estimate, @{name}_initial_memory, @{NAME}_STATES) == 0) {
                 real held[@{NAME}_INPUTS];
                 @{holding};
                 if (@{name}_finite(held, @{NAME}_INPUTS) != 0) {
-                    limit(param, held, state->start + AT_U);
+                    @{name}_limit(param, held, state->start + @{NAME}_AT_U);
                 }
             }
 {% endif %}
@@ -204,17 +204,17 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
 {% endif %}
     if (input != NULL) {
         if (@{name}_finite(input, @{NAME}_INPUTS) != 0) {
-            limit(param, input, state->start + AT_U);
+            @{name}_limit(param, input, state->start + @{NAME}_AT_U);
         } else {
             code = @{NAME}_BAD_START;
         }
     }
 {% if "queue" in places %}
     for (int i = 0; i < @{NAME}_LATENCY * @{NAME}_INPUTS; ++i) {
-        state->start[AT_QUEUE + i] = state->start[AT_U{% if code.sizes.u > 1 %} + i % @{NAME}_INPUTS{% endif %}];
+        state->start[@{NAME}_AT_QUEUE + i] = state->start[@{NAME}_AT_U{% if code.sizes.u > 1 %} + i % @{NAME}_INPUTS{% endif %}];
     }
 {% endif %}
-    begin(state);
+    @{name}_begin(state);
     if (code == @{NAME}_BAD_START) { /* a step before another start says that there was none */
         state->mark = 0;
     }
@@ -222,7 +222,7 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
 }
 
 /* After a step that failed: where one did before from the same memory, go back to an earlier one. Returns the code. */
-static int went_back(@{name}_state *state)
+static int @{name}_went_back(@{name}_state *state)
 {
     int at_start;
     int keeps_command = 0; /* if it is good, and once */
@@ -231,28 +231,28 @@ static int went_back(@{name}_state *state)
         return @{NAME}_BAD_RESULT;
     }
     if (@{name}_finite(state->start, @{NAME}_MEMORY) == 0) {
-        @{name}_copy(initial_memory, state->start, @{NAME}_MEMORY);
+        @{name}_copy(@{name}_initial_memory, state->start, @{NAME}_MEMORY);
     }
     if (@{name}_finite(state->older, @{NAME}_MEMORY) == 0) {
         @{name}_copy(state->start, state->older, @{NAME}_MEMORY);
     }
-    at_start = same(state->older, state->start, @{NAME}_MEMORY);
+    at_start = @{name}_same(state->older, state->start, @{NAME}_MEMORY);
     if (at_start != 0) {
         if (state->began_again == 0) {
             keeps_command = 1;
         } else { /* the start itself is bad: as it was told, or overwritten */
-            @{name}_copy(initial_memory, state->start, @{NAME}_MEMORY);
-            @{name}_copy(initial_memory, state->older, @{NAME}_MEMORY);
+            @{name}_copy(@{name}_initial_memory, state->start, @{NAME}_MEMORY);
+            @{name}_copy(@{name}_initial_memory, state->older, @{NAME}_MEMORY);
         }
     }
     for (int i = 0; i < @{NAME}_MEMORY; ++i) {
         int kept = 0;
-        if (i >= AT_REFERENCE && i < AT_REFERENCE + @{places["reference"].stop - places["reference"].start}) {
+        if (i >= @{NAME}_AT_REFERENCE && i < @{NAME}_AT_REFERENCE + @{places["reference"].stop - places["reference"].start}) {
             kept = keeps_command;
         }
 {% if "stop" in places %}
         const real now = state->memory[i];
-        if (i >= AT_STOP_BRAKED && i <= AT_STOP_PATH_RATE && now >= @{zero} && now <= @{unity}) {
+        if (i >= @{NAME}_AT_STOP_BRAKED && i <= @{NAME}_AT_STOP_PATH_RATE && now >= @{zero} && now <= @{unity}) {
             kept = 1; /* a brake under way goes on */
         }
 {% endif %}
@@ -267,7 +267,7 @@ static int went_back(@{name}_state *state)
 }
 
 /* Whether input i may be one that a step gave. */
-static int possible_input(int i, real u)
+static int @{name}_possible_input(int i, real u)
 {
     const real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
     return (isfinite(u) != 0 && u >= least && u <= most) ? 1 : 0;
@@ -275,7 +275,7 @@ static int possible_input(int i, real u)
 
 {% if code.rejected is not none or code.doubt is not none %}
 /* A count; 0 where the memory was overwritten by what is none. */
-static int counted(real number)
+static int @{name}_counted(real number)
 {
     return (number > @{zero} && number <= @{most_counted}) ? (int)number : 0;
 }
@@ -283,14 +283,14 @@ static int counted(real number)
 {% endif %}
 /* What is applied: the last good input within the limits of now. Where it was overwritten, that of the start; where that
  * was too, the one before the first sample. */
-static void hold(const @{name}_state *state, const @{name}_param *param, @{name}_output *output)
+static void @{name}_hold(const @{name}_state *state, const @{name}_param *param, @{name}_output *output)
 {
     real last[@{NAME}_INPUTS];
     for (int i = 0; i < @{NAME}_INPUTS; ++i) {
-        const real first = (possible_input(i, state->start[AT_U + i]) != 0) ? state->start[AT_U + i] : SAFE[i];
-        last[i] = (possible_input(i, state->held[i]) != 0) ? state->held[i] : first;
+        const real first = (@{name}_possible_input(i, state->start[@{NAME}_AT_U + i]) != 0) ? state->start[@{NAME}_AT_U + i] : SAFE[i];
+        last[i] = (@{name}_possible_input(i, state->held[i]) != 0) ? state->held[i] : first;
     }
-    limit(param, last, output->u);
+    @{name}_limit(param, last, output->u);
     for (int i = 0; i < @{NAME}_STATES; ++i) {
         output->estimate[i] = (isfinite(state->estimate[i]) != 0) ? state->estimate[i] : @{zero};
     }
@@ -304,19 +304,19 @@ static void hold(const @{name}_state *state, const @{name}_param *param, @{name}
         @{NAME}_BLOCKED
     };
     for (int i = 0; i < 6; ++i) {
-        output->status += (state->memory[AT_STATUS + i] > @{zero}) ? bits[i] : 0;
+        output->status += (state->memory[@{NAME}_AT_STATUS + i] > @{zero}) ? bits[i] : 0;
     }
 {% endif %}
 {% if code.doubt is not none %}
-    output->status += (state->memory[AT_DOUBT] > @{zero}) ? @{NAME}_DOUBTFUL_ESTIMATE : 0;
-    output->doubtful = counted(state->memory[AT_DOUBT + 1]);
+    output->status += (state->memory[@{NAME}_AT_DOUBT] > @{zero}) ? @{NAME}_DOUBTFUL_ESTIMATE : 0;
+    output->doubtful = @{name}_counted(state->memory[@{NAME}_AT_DOUBT + 1]);
 {% endif %}
 {% if code.rejected is not none %}
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
-        output->rejected[i] = counted(state->memory[AT_REJECTED + i]);
+        output->rejected[i] = @{name}_counted(state->memory[@{NAME}_AT_REJECTED + i]);
     }
 {% endif %}
-    output->path_rate = {% if "stop" in places %}smaller(larger(state->memory[AT_STOP_PATH_RATE], @{zero}), @{unity}){% else %}@{unity}{% endif %};
+    output->path_rate = {% if "stop" in places %}@{name}_smaller(@{name}_larger(state->memory[@{NAME}_AT_STOP_PATH_RATE], @{zero}), @{unity}){% else %}@{unity}{% endif %};
 }
 
 int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, @{name}_output *output)
@@ -327,7 +327,7 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
         in_time = 1;
     }
     if (state->mark != INITIALISED) {
-        limit(param, SAFE, output->u);
+        @{name}_limit(param, SAFE, output->u);
         for (int i = 0; i < @{NAME}_STATES; ++i) {
             output->estimate[i] = @{zero};
         }
@@ -354,7 +354,7 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     if (input->elapsed >= @{zero} && input->elapsed <= @{zero}) {
         state->slip = @{zero};
     } else {
-        state->slip = slipped(state->slip, input->elapsed);
+        state->slip = @{name}_slipped(state->slip, input->elapsed);
     }
     if (state->refused == REFUSED) {
         code = REFUSED;
@@ -388,7 +388,7 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     if (code == @{NAME}_OK{% if code.predicts %} || code == @{NAME}_PREDICTED{% endif %}) {
         state->failed = 0;
         state->waiting = 0;
-        limit(param, state->u, state->held);
+        @{name}_limit(param, state->u, state->held);
         state->samples = (state->samples >= 0 && state->samples < @{spacing}) ? state->samples + 1 : 1;
         if (state->samples == @{spacing}) {
             @{name}_copy(state->newer, state->older, @{NAME}_MEMORY);
@@ -396,11 +396,11 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
             state->began_again = 0;
         }
     } else if (code == @{NAME}_BAD_RESULT) {
-        code = went_back(state);
+        code = @{name}_went_back(state);
     } else {
         /* nothing was computed, and nothing changes */
     }
-    hold(state, param, output);
+    @{name}_hold(state, param, output);
     return code;
 }
 
@@ -412,11 +412,11 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 static const struct {
     int place, below;
     real least, most, low, high;
-} ranges[RANGES] = {
+} @{name}_ranges[RANGES] = {
 @{range_rows(ranges, code.real)}
 };
 
-static real number(const @{name}_param *param, int place)
+static real @{name}_number(const @{name}_param *param, int place)
 {
     return (place < @{NAME}_PARAMETERS)    ? param->value[place]
            : (place == @{NAME}_PARAMETERS) ? param->oldest
@@ -428,21 +428,21 @@ int @{name}_check(const @{name}_param *param, int *place)
     int worst = @{NAME}_PARAM_OK;
     int row = 0;
     for (int i = 0; i < @{NAME}_PARAMETERS + 2; ++i) {
-        const real value = number(param, i), design = number(&@{name}_defaults, i);
+        const real value = @{name}_number(param, i), design = @{name}_number(&@{name}_defaults, i);
         int found = @{NAME}_PARAM_BEYOND_DESIGN;
         int equal = 0;
         if (value >= design && value <= design) {
             equal = 1;
             found = @{NAME}_PARAM_OK;
         }
-        if (row < RANGES && ranges[row].place == i) {
-            const int below = ranges[row].below;
+        if (row < RANGES && @{name}_ranges[row].place == i) {
+            const int below = @{name}_ranges[row].below;
             found = @{NAME}_PARAM_OK;
-            if (value < ranges[row].low || value > ranges[row].high) {
+            if (value < @{name}_ranges[row].low || value > @{name}_ranges[row].high) {
                 found = @{NAME}_PARAM_BEYOND_DESIGN;
             }
-            if (value < ranges[row].least || value > ranges[row].most ||
-                (below >= 0 && value >= number(param, below))) {
+            if (value < @{name}_ranges[row].least || value > @{name}_ranges[row].most ||
+                (below >= 0 && value >= @{name}_number(param, below))) {
                 found = @{NAME}_PARAM_NOT_PHYSICAL;
             }
             row += 1;

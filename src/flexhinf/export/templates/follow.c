@@ -24,32 +24,32 @@ const @{name}_follow_options @{name}_follow_defaults = {
 };
 
 /* Ranges of the joints, mean speeds and jumps that are not refused; and what the largest inputs twist springs by. */
-static const scalar low[JOINTS] = {@{bounds(ranges[0])}};
-static const scalar high[JOINTS] = {@{bounds(ranges[1])}};
-static const scalar fastest[JOINTS] = {@{bounds(speeds)}};
-static const scalar farthest[JOINTS] = {@{bounds(jumps)}};
-static const scalar twists[JOINTS] = {@{bounds(twists)}};
+static const scalar @{name}_follow_low[JOINTS] = {@{bounds(ranges[0])}};
+static const scalar @{name}_follow_high[JOINTS] = {@{bounds(ranges[1])}};
+static const scalar @{name}_follow_fastest[JOINTS] = {@{bounds(speeds)}};
+static const scalar @{name}_follow_farthest[JOINTS] = {@{bounds(jumps)}};
+static const scalar @{name}_follow_twists[JOINTS] = {@{bounds(twists)}};
 {% if limited %}
 /* What the drives leave to a goal: rates and accelerations of commands; velocities and accelerations on the way to its
  * first waypoint. */
-static const scalar rates[JOINTS] = {@{bounds(allowed.commands[0])}};
-static const scalar changes[JOINTS] = {@{bounds(allowed.commands[1])}};
-static const scalar quickest[JOINTS] = {@{bounds(allowed.links[0])}};
-static const scalar hardest[JOINTS] = {@{bounds(allowed.links[1])}};
+static const scalar @{name}_follow_rates[JOINTS] = {@{bounds(allowed.commands[0])}};
+static const scalar @{name}_follow_changes[JOINTS] = {@{bounds(allowed.commands[1])}};
+static const scalar @{name}_follow_quickest[JOINTS] = {@{bounds(allowed.links[0])}};
+static const scalar @{name}_follow_hardest[JOINTS] = {@{bounds(allowed.links[1])}};
 
 /* The rates and accelerations that a path asks for where it is bent by a unit velocity. */
-static const scalar bent_rates[JOINTS] = {@{bounds(allowed.bends[0])}};
-static const scalar bent_changes[JOINTS] = {@{bounds(allowed.bends[1])}};
+static const scalar @{name}_follow_bent_rates[JOINTS] = {@{bounds(allowed.bends[0])}};
+static const scalar @{name}_follow_bent_changes[JOINTS] = {@{bounds(allowed.bends[1])}};
 {% endif %}
-static const int motors[JOINTS] = {@{motors | join(", ")}}; /* places in a row */
+static const int @{name}_follow_motors[JOINTS] = {@{motors | join(", ")}}; /* places in a row */
 
 /* Weights of the samples before the newest one, from it back, for the position and four derivatives. */
-static const scalar weights[SAMPLES - 1][5] = {
+static const scalar @{name}_follow_weights[SAMPLES - 1][5] = {
 @{matrix(weights.T[1:])}
 };
 
 @{functions}
-static scalar share(scalar value)
+static scalar @{name}_follow_share(scalar value)
 {
     scalar result = @{zero};
     if (isfinite(value) != 0 && value > @{zero}) {
@@ -59,7 +59,7 @@ static scalar share(scalar value)
 }
 
 /* On the polynomial between two waypoints, at seconds from the first: linear, cubic or quintic. */
-static void between(const scalar begin[3], const scalar end[3], scalar time, scalar at, int order, scalar result[3])
+static void @{name}_follow_between(const scalar begin[3], const scalar end[3], scalar time, scalar at, int order, scalar result[3])
 {
     const scalar s = at / time, way = end[0] - begin[0];
     const scalar v0 = time * begin[1], v1 = time * end[1], a0 = time * time * begin[2], a1 = time * time * end[2];
@@ -89,7 +89,7 @@ static void between(const scalar begin[3], const scalar end[3], scalar time, sca
 }
 
 /* Joint j of a waypoint. */
-static void at_point(const @{name}_follow_point *point, int j, scalar result[3])
+static void @{name}_follow_at_point(const @{name}_follow_point *point, int j, scalar result[3])
 {
     result[0] = point->position[j];
     result[1] = point->velocity[j];
@@ -98,39 +98,39 @@ static void at_point(const @{name}_follow_point *point, int j, scalar result[3])
 
 {% if limited %}
 /* Whether the way of joint j between two waypoints is quicker than its drive takes. */
-static int hurries(int j, const scalar begin[3], const scalar end[3], scalar time, int order)
+static int @{name}_follow_hurries(int j, const scalar begin[3], const scalar end[3], scalar time, int order)
 {
     int found = 0;
     for (int i = 0; i <= @{parts}; ++i) {
         scalar result[3];
-        between(begin, end, time, (time * (scalar)i) / @{number(parts)}, order, result);
-        found += (fabs@{f}(result[1]) > quickest[j] || fabs@{f}(result[2]) > hardest[j]) ? 1 : 0;
+        @{name}_follow_between(begin, end, time, (time * (scalar)i) / @{number(parts)}, order, result);
+        found += (fabs@{f}(result[1]) > @{name}_follow_quickest[j] || fabs@{f}(result[2]) > @{name}_follow_hardest[j]) ? 1 : 0;
     }
     return found;
 }
 
 /* How the path goes from waypoint i to the next one. */
-static int order_of(const @{name}_follow_goal *goal, int i)
+static int @{name}_follow_order_of(const @{name}_follow_goal *goal, int i)
 {
     const int one = goal->points[i].order, next = goal->points[i + 1].order;
     return (one < next) ? one : next;
 }
 
 /* Velocity of joint j just behind waypoint i. */
-static scalar behind(const @{name}_follow_goal *goal, int i, int j)
+static scalar @{name}_follow_behind(const @{name}_follow_goal *goal, int i, int j)
 {
     const @{name}_follow_point *const point = &goal->points[i];
     scalar value = @{zero};
     if (i + 1 < goal->count) {
         const @{name}_follow_point *const next = &goal->points[i + 1];
         const scalar way = next->position[j] - point->position[j];
-        value = (order_of(goal, i) > 1) ? point->velocity[j] : way / (next->time - point->time);
+        value = (@{name}_follow_order_of(goal, i) > 1) ? point->velocity[j] : way / (next->time - point->time);
     }
     return value;
 }
 
 /* Whether joint j is quicker than its drive takes from the motion of now to waypoint i in a time, or there. */
-static int begins_quickly(const @{name}_follow_state *state, const @{name}_follow_goal *goal, int i, int j, scalar time)
+static int @{name}_follow_begins_quickly(const @{name}_follow_state *state, const @{name}_follow_goal *goal, int i, int j, scalar time)
 {
     const @{name}_follow_point *const point = &goal->points[i];
     const scalar begin[3] = {state->now[0][j], state->now[1][j], state->now[2][j]};
@@ -138,19 +138,19 @@ static int begins_quickly(const @{name}_follow_state *state, const @{name}_follo
     scalar first = @{zero};
     scalar last;
     int found;
-    at_point(point, j, end);
-    found = hurries(j, begin, end, time, point->order);
+    @{name}_follow_at_point(point, j, end);
+    found = @{name}_follow_hurries(j, begin, end, time, point->order);
     last = end[1];
     if (point->order == 1) {
         last = (end[0] - begin[0]) / time;
         first = fabs@{f}(last - begin[1]);
     }
-    last = fabs@{f}(behind(goal, i, j) - last);
+    last = fabs@{f}(@{name}_follow_behind(goal, i, j) - last);
     if (time < @{number(near)}) {
         first += last;
     }
     first = (first > last) ? first : last;
-    if (point->order == 1 && (first * bent_rates[j] > rates[j] || first * bent_changes[j] > changes[j])) {
+    if (point->order == 1 && (first * @{name}_follow_bent_rates[j] > @{name}_follow_rates[j] || first * @{name}_follow_bent_changes[j] > @{name}_follow_changes[j])) {
         found = 1;
     }
     return found;
@@ -158,7 +158,7 @@ static int begins_quickly(const @{name}_follow_state *state, const @{name}_follo
 
 {% endif %}
 /* Duration of the stop, from this velocity and acceleration, that takes a way: T (v/2 + T a/12) = way. */
-static scalar time_to(scalar way, scalar velocity, scalar acceleration)
+static scalar @{name}_follow_time_to(scalar way, scalar velocity, scalar acceleration)
 {
     const scalar square = (@{number(0.25)} * velocity * velocity) + ((acceleration * way) / @{number(3.0)});
     const scalar root = (square > @{zero}) ? sqrt@{f}(square) : @{zero};
@@ -168,18 +168,18 @@ static scalar time_to(scalar way, scalar velocity, scalar acceleration)
 
 /* Where joint j comes to rest from the motion at the beginning of the goal, age seconds later; sooner where its range
  * ends. */
-static void stopping(const @{name}_follow_state *state, int j, scalar result[3])
+static void @{name}_follow_stopping(const @{name}_follow_state *state, int j, scalar result[3])
 {
     const scalar begin[3] = {state->from[0][j], state->from[1][j], state->from[2][j]};
-    const scalar least = (low[j] < begin[0]) ? low[j] : begin[0];
-    const scalar most = (high[j] > begin[0]) ? high[j] : begin[0];
+    const scalar least = (@{name}_follow_low[j] < begin[0]) ? @{name}_follow_low[j] : begin[0];
+    const scalar most = (@{name}_follow_high[j] > begin[0]) ? @{name}_follow_high[j] : begin[0];
     scalar end[3] = {@{zero}, @{zero}, @{zero}};
     scalar time = state->stop_time;
     end[0] = begin[0] + (time * ((@{number(0.5)} * begin[1]) + ((time * begin[2]) / @{number(12.0)})));
     if (end[0] < least || end[0] > most) {
         scalar sooner;
         end[0] = (end[0] < least) ? least : most;
-        sooner = time_to(end[0] - begin[0], begin[1], begin[2]);
+        sooner = @{name}_follow_time_to(end[0] - begin[0], begin[1], begin[2]);
         sooner = (sooner > SMOOTHING) ? sooner : SMOOTHING;
         time = (sooner < time) ? sooner : time;
     }
@@ -188,12 +188,12 @@ static void stopping(const @{name}_follow_state *state, int j, scalar result[3])
             result[k] = end[k];
         }
     } else {
-        between(begin, end, time, state->age, 3, result);
+        @{name}_follow_between(begin, end, time, state->age, 3, result);
     }
 }
 
 /* From one waypoint to the next. */
-static scalar length(const @{name}_follow_state *state)
+static scalar @{name}_follow_length(const @{name}_follow_state *state)
 {
     scalar time = state->first;
     if (time < @{zero}) {
@@ -202,32 +202,32 @@ static scalar length(const @{name}_follow_state *state)
     return time;
 }
 
-static int is_over(const @{name}_follow_state *state)
+static int @{name}_follow_is_over(const @{name}_follow_state *state)
 {
     return (state->segment == state->goal.count && state->age >= state->stopped_at) ? 1 : 0;
 }
 
 /* Whether the smoothed motion rests at the end too. */
-static int rests(const @{name}_follow_state *state)
+static int @{name}_follow_rests(const @{name}_follow_state *state)
 {
-    return (is_over(state) != 0 && state->left == 0) ? 1 : 0;
+    return (@{name}_follow_is_over(state) != 0 && state->left == 0) ? 1 : 0;
 }
 
 /* The path so much later. */
-static void advance(@{name}_follow_state *state, scalar time)
+static void @{name}_follow_advance(@{name}_follow_state *state, scalar time)
 {
     scalar now[3][JOINTS];
     state->since += time;
     state->age = (state->age + time < state->stop_time) ? state->age + time : state->stop_time;
-    while (state->segment < state->goal.count && state->since >= length(state)) {
-        state->since -= length(state);
+    while (state->segment < state->goal.count && state->since >= @{name}_follow_length(state)) {
+        state->since -= @{name}_follow_length(state);
         state->segment += 1;
         state->first = @{number(-1.0)};
     }
     for (int j = 0; j < JOINTS; ++j) {
         scalar result[3] = {@{zero}, @{zero}, @{zero}};
         if (state->goal.moves[j] == 0) {
-            stopping(state, j, result);
+            @{name}_follow_stopping(state, j, result);
         } else if (state->segment == state->goal.count) {
             result[0] = state->goal.points[state->goal.count - 1].position[j];
         } else {
@@ -235,12 +235,12 @@ static void advance(@{name}_follow_state *state, scalar time)
             scalar begin[3] = {state->from[0][j], state->from[1][j], state->from[2][j]};
             scalar end[3];
             int order = next->order;
-            at_point(next, j, end);
+            @{name}_follow_at_point(next, j, end);
             if (state->first < @{zero}) {
-                at_point(next - 1, j, begin);
+                @{name}_follow_at_point(next - 1, j, begin);
                 order = ((next - 1)->order < order) ? (next - 1)->order : order;
             }
-            between(begin, end, length(state), state->since, order, result);
+            @{name}_follow_between(begin, end, @{name}_follow_length(state), state->since, order, result);
         }
         for (int k = 0; k < 3; ++k) {
             now[k][j] = result[k];
@@ -254,7 +254,7 @@ static void advance(@{name}_follow_state *state, scalar time)
 }
 
 /* Whether the path has a velocity or an acceleration. */
-static int moves(const @{name}_follow_state *state)
+static int @{name}_follow_moves(const @{name}_follow_state *state)
 {
     int found = 0;
     for (int j = 0; j < JOINTS; ++j) {
@@ -266,11 +266,11 @@ static int moves(const @{name}_follow_state *state)
 }
 
 /* The next sample of the path, and the motion that the last ones give. */
-static void push(@{name}_follow_state *state, scalar speed)
+static void @{name}_follow_push(@{name}_follow_state *state, scalar speed)
 {
     const scalar most = @{NAME}_PERIOD / state->stop_time;
     scalar target = speed;
-    if (moves(state) != 0) {
+    if (@{name}_follow_moves(state) != 0) {
         if (state->goal.count == 0) { /* a stop is in true time */
             target = @{unity};
         } else if (target < state->speed - most) {
@@ -282,7 +282,7 @@ static void push(@{name}_follow_state *state, scalar speed)
         }
     }
     state->speed = target;
-    advance(state, @{NAME}_PERIOD * state->speed);
+    @{name}_follow_advance(state, @{NAME}_PERIOD * state->speed);
     state->newest = (state->newest + 1) % SAMPLES;
     for (int j = 0; j < JOINTS; ++j) {
         state->path[state->newest][j] = state->now[0][j];
@@ -297,7 +297,7 @@ static void push(@{name}_follow_state *state, scalar speed)
             i = (i > 0) ? i - 1 : SAMPLES - 1;
             way = state->path[i][j] - newest;
             for (int k = 0; k < 5; ++k) {
-                sums[k] += weights[sample][k] * way;
+                sums[k] += @{name}_follow_weights[sample][k] * way;
             }
         }
         sums[0] += newest;
@@ -306,12 +306,12 @@ static void push(@{name}_follow_state *state, scalar speed)
             state->motion[1][k][j] = sums[k];
         }
     }
-    if (is_over(state) != 0 && state->left > 0) {
+    if (@{name}_follow_is_over(state) != 0 && state->left > 0) {
         state->left -= 1;
     }
 }
 
-static void begin_from_here(@{name}_follow_state *state, scalar stop_time)
+static void @{name}_follow_begin_from_here(@{name}_follow_state *state, scalar stop_time)
 {
     for (int k = 0; k < 3; ++k) {
         for (int j = 0; j < JOINTS; ++j) {
@@ -334,23 +334,23 @@ static void begin_from_here(@{name}_follow_state *state, scalar stop_time)
 }
 
 /* Whether joint j would jump on this way, or be faster than it can. */
-static int is_far(int j, scalar way, scalar time)
+static int @{name}_follow_is_far(int j, scalar way, scalar time)
 {
     const scalar size = fabs@{f}(way);
-    return (size > farthest[j] && (time < SMOOTHING || size > fastest[j] * time)) ? 1 : 0;
+    return (size > @{name}_follow_farthest[j] && (time < SMOOTHING || size > @{name}_follow_fastest[j] * time)) ? 1 : 0;
 }
 
 /* From the motion that there is to waypoint i in a time. */
-static void follow(@{name}_follow_state *state, scalar stop_time, const @{name}_follow_goal *goal, int i, scalar time)
+static void @{name}_follow_follow(@{name}_follow_state *state, scalar stop_time, const @{name}_follow_goal *goal, int i, scalar time)
 {
     state->goal = *goal;
     state->segment = i;
     state->first = time;
     state->active = 1;
-    begin_from_here(state, stop_time);
+    @{name}_follow_begin_from_here(state, stop_time);
 }
 
-static int take(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_follow_goal *goal)
+static int @{name}_follow_take(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_follow_goal *goal)
 {
     const scalar gone = (goal->begins < @{zero}) ? -goal->begins : @{zero};
     int result = @{NAME}_FOLLOW_ACTIVE;
@@ -370,22 +370,22 @@ static int take(@{name}_follow_state *state, const @{name}_follow_options *optio
         result = @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP;
     }
     for (int j = 0; j < JOINTS; ++j) {
-        if (goal->moves[j] != 0 && is_far(j, goal->points[first].position[j] - state->now[0][j], time) != 0) {
+        if (goal->moves[j] != 0 && @{name}_follow_is_far(j, goal->points[first].position[j] - state->now[0][j], time) != 0) {
             result = @{NAME}_FOLLOW_INVALID_GOAL;
         }
 {% if limited %}
-        if (options->limited != 0 && goal->moves[j] != 0 && begins_quickly(state, goal, first, j, time) != 0) {
+        if (options->limited != 0 && goal->moves[j] != 0 && @{name}_follow_begins_quickly(state, goal, first, j, time) != 0) {
             result = @{NAME}_FOLLOW_INVALID_GOAL;
         }
 {% endif %}
     }
     if (result == @{NAME}_FOLLOW_ACTIVE) {
-        follow(state, options->stop_time, goal, first, time);
+        @{name}_follow_follow(state, options->stop_time, goal, first, time);
     }
     return result;
 }
 
-static int allowed(const scalar *error, const scalar *stated, const scalar *usual)
+static int @{name}_follow_allowed(const scalar *error, const scalar *stated, const scalar *usual)
 {
     for (int j = 0; j < JOINTS; ++j) {
         const scalar most = (stated[j] > @{zero}) ? stated[j] : ((stated[j] < @{zero}) ? @{zero} : usual[j]);
@@ -396,10 +396,10 @@ static int allowed(const scalar *error, const scalar *stated, const scalar *usua
     return 1;
 }
 
-static int judge(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_follow_input *input)
+static int @{name}_follow_judge(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_follow_input *input)
 {
     const @{name}_follow_goal *const goal = &state->goal;
-    const int is_last = rests(state);
+    const int is_last = @{name}_follow_rests(state);
     const @{name}_follow_tolerance *const stated = (is_last != 0) ? &goal->goal : &goal->path;
     const @{name}_follow_tolerance *const usual = (is_last != 0) ? &options->goal : &options->path;
     int result = @{NAME}_FOLLOW_ACTIVE;
@@ -409,8 +409,8 @@ static int judge(@{name}_follow_state *state, const @{name}_follow_options *opti
         error[0][j] = fabs@{f}(input->position[j] - state->before[@{latency}][0][j]);
         error[1][j] = fabs@{f}(input->velocity[j] - state->before[@{latency}][1][j]);
     }
-    if (allowed(error[0], stated->position, usual->position) != 0) {
-        within = allowed(error[1], stated->velocity, usual->velocity);
+    if (@{name}_follow_allowed(error[0], stated->position, usual->position) != 0) {
+        within = @{name}_follow_allowed(error[1], stated->velocity, usual->velocity);
     }
     if (state->active == 0) {
         result = @{NAME}_FOLLOW_IDLE;
@@ -468,7 +468,7 @@ int @{name}_follow_init(@{name}_follow_state *state, const @{name}_real *q)
 
 {% if limited %}
 /* Whether drives do not take the commands from the first waypoint on, with the joints that are left out at home. */
-static int is_quick(const @{name}_follow_options *options, const @{name}_follow_goal *goal)
+static int @{name}_follow_is_quick(const @{name}_follow_options *options, const @{name}_follow_goal *goal)
 {
     static const scalar home[JOINTS] = {@{row(home)}};
     const @{name}_follow_point *const points = goal->points;
@@ -489,7 +489,7 @@ static int is_quick(const @{name}_follow_options *options, const @{name}_follow_
         begin[1][j] = (goal->moves[j] != 0 && points[0].order > 1) ? points[0].velocity[j] : @{zero};
         begin[2][j] = (goal->moves[j] != 0 && points[0].order > 2) ? points[0].acceleration[j] : @{zero};
         if (goal->moves[j] != 0 && points[0].order == 1 && points[0].time > @{zero}) { /* it has that velocity already */
-            begin[1][j] = behind(goal, 0, j);
+            begin[1][j] = @{name}_follow_behind(goal, 0, j);
         }
     }
     (void)@{name}_follow_init(&state, begin[0]);
@@ -501,17 +501,17 @@ static int is_quick(const @{name}_follow_options *options, const @{name}_follow_
         state.now[1][j] = begin[1][j];
         state.now[2][j] = begin[2][j];
     }
-    follow(&state, options->stop_time, goal, 1, time);
-    while (rests(&state) == 0) {
-        push(&state, @{unity});
+    @{name}_follow_follow(&state, options->stop_time, goal, 1, time);
+    while (@{name}_follow_rests(&state) == 0) {
+        @{name}_follow_push(&state, @{unity});
         @{called}(state.motion[1][0], state.motion[1][1], state.motion[1][2], state.motion[1][3], state.motion[1][4],
             @{name}_defaults.value, row, row + @{NAME}_STATES);
         for (int j = 0; j < JOINTS; ++j) {
             const scalar next = row[@{NAME}_STATES + j];
             const scalar changed = (next - command[j]) / @{NAME}_PERIOD;
             const scalar rounded = (@{number(rounding)} * fabs@{f}(next)) / @{NAME}_PERIOD;
-            found += (k > 0 && fabs@{f}(changed) > rates[j] + rounded) ? 1 : 0;
-            found += (k > 1 && fabs@{f}(changed - rate[j]) / @{NAME}_PERIOD > changes[j] + (rounded / @{NAME}_PERIOD)) ? 1 : 0;
+            found += (k > 0 && fabs@{f}(changed) > @{name}_follow_rates[j] + rounded) ? 1 : 0;
+            found += (k > 1 && fabs@{f}(changed - rate[j]) / @{NAME}_PERIOD > @{name}_follow_changes[j] + (rounded / @{NAME}_PERIOD)) ? 1 : 0;
             command[j] = next;
             rate[j] = changed;
         }
@@ -521,13 +521,13 @@ static int is_quick(const @{name}_follow_options *options, const @{name}_follow_
 }
 
 {% endif %}
-static int is_tolerance(scalar value)
+static int @{name}_follow_is_tolerance(scalar value)
 {
     return (isfinite(value) != 0 && (value >= @{zero} || (value >= @{number(-1.0)} && value <= @{number(-1.0)}))) ? 1 : 0;
 }
 
 /* Whether a waypoint can be, behind the one before it (NULL: it is the first). */
-static int can_be(const @{name}_follow_goal *goal, const @{name}_follow_point *point, const @{name}_follow_point *before)
+static int @{name}_follow_can_be(const @{name}_follow_goal *goal, const @{name}_follow_point *point, const @{name}_follow_point *before)
 {
     const scalar time = (before != NULL) ? point->time - before->time : point->time;
     const scalar shortest = (before != NULL) ? @{NAME}_PERIOD / @{number(passed)} : @{zero};
@@ -537,10 +537,10 @@ static int can_be(const @{name}_follow_goal *goal, const @{name}_follow_point *p
     for (int j = 0; j < JOINTS; ++j) {
         if (goal->moves[j] != 0) {
             const scalar q = point->position[j];
-            wrong += (isfinite(q) != 0 && q >= low[j] && q <= high[j]) ? 0 : 1;
+            wrong += (isfinite(q) != 0 && q >= @{name}_follow_low[j] && q <= @{name}_follow_high[j]) ? 0 : 1;
             wrong += (point->order >= 2 && isfinite(point->velocity[j]) == 0) ? 1 : 0;
             wrong += (point->order >= 3 && isfinite(point->acceleration[j]) == 0) ? 1 : 0;
-            wrong += (before != NULL && is_far(j, q - before->position[j], time) != 0) ? 1 : 0;
+            wrong += (before != NULL && @{name}_follow_is_far(j, q - before->position[j], time) != 0) ? 1 : 0;
         }
     }
     return (wrong == 0) ? 1 : 0;
@@ -552,19 +552,19 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
     int moving = 0;
     for (int j = 0; j < JOINTS; ++j) {
         moving += (goal->moves[j] != 0) ? 1 : 0;
-        if (is_tolerance(goal->path.position[j]) == 0 || is_tolerance(goal->path.velocity[j]) == 0 ||
-            is_tolerance(goal->goal.position[j]) == 0 || is_tolerance(goal->goal.velocity[j]) == 0) {
+        if (@{name}_follow_is_tolerance(goal->path.position[j]) == 0 || @{name}_follow_is_tolerance(goal->path.velocity[j]) == 0 ||
+            @{name}_follow_is_tolerance(goal->goal.position[j]) == 0 || @{name}_follow_is_tolerance(goal->goal.velocity[j]) == 0) {
             result = @{NAME}_FOLLOW_INVALID_GOAL;
         }
     }
     if (moving == 0 || (moving < JOINTS && options->partial == 0)) {
         result = @{NAME}_FOLLOW_INVALID_JOINTS;
-    } else if (goal->count < 1 || goal->points == NULL || isfinite(goal->begins) == 0 || is_tolerance(goal->goal_time) == 0) {
+    } else if (goal->count < 1 || goal->points == NULL || isfinite(goal->begins) == 0 || @{name}_follow_is_tolerance(goal->goal_time) == 0) {
         result = @{NAME}_FOLLOW_INVALID_GOAL;
     } else {
         const @{name}_follow_point *const last = &goal->points[goal->count - 1];
         for (int i = 0; i < goal->count; ++i) {
-            if (can_be(goal, &goal->points[i], (i > 0) ? &goal->points[i - 1] : NULL) == 0) {
+            if (@{name}_follow_can_be(goal, &goal->points[i], (i > 0) ? &goal->points[i - 1] : NULL) == 0) {
                 result = @{NAME}_FOLLOW_INVALID_GOAL;
             }
         }
@@ -579,7 +579,7 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
             } else if (goal->begins + last->time <= @{zero}) {
                 result = @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP;
 {% if limited %}
-            } else if (options->limited != 0 && is_quick(options, goal) != 0) {
+            } else if (options->limited != 0 && @{name}_follow_is_quick(options, goal) != 0) {
                 result = @{NAME}_FOLLOW_INVALID_GOAL;
 {% endif %}
             } else {
@@ -600,7 +600,7 @@ int @{name}_follow_start(@{name}_follow_state *state, const @{name}_follow_optio
         state->wait = (samples < @{number(most_counted)}) ? (long)samples : @{most_counted}L;
         state->has_next = 1;
     } else {
-        result = take(state, options, goal);
+        result = @{name}_follow_take(state, options, goal);
     }
     return result;
 }
@@ -620,14 +620,14 @@ void @{name}_follow_cancel(@{name}_follow_state *state, const @{name}_follow_opt
         state->segment = 0;
         state->active = 0;
         state->speed = @{unity};
-        begin_from_here(state, options->stop_time);
+        @{name}_follow_begin_from_here(state, options->stop_time);
     }
 }
 
 int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_param *param,
                        const @{name}_follow_input *input, @{name}_follow_output *output)
 {
-    const scalar rate = share(input->path_rate);
+    const scalar rate = @{name}_follow_share(input->path_rate);
     scalar motion[5][JOINTS];
     scalar power = @{unity};
     int refused = @{NAME}_FOLLOW_ACTIVE;
@@ -636,13 +636,13 @@ int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_option
         if (state->wait <= 0) {
             const @{name}_follow_goal next = state->next;
             state->has_next = 0;
-            refused = take(state, options, &next);
+            refused = @{name}_follow_take(state, options, &next);
         }
     }
     state->part += rate;
     if (state->part > @{unity}) {
         state->part -= @{unity};
-        push(state, share(input->speed));
+        @{name}_follow_push(state, @{name}_follow_share(input->speed));
     }
     for (int k = 0; k < 5; ++k) {
         for (int j = 0; j < JOINTS; ++j) {
@@ -664,7 +664,7 @@ int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_option
         output->velocity[j] = state->before[@{latency}][1][j];
     }
     @{called}(motion[0], motion[1], motion[2], motion[3], motion[4], param->value, output->r, output->r + @{NAME}_STATES);
-    output->result = (refused == @{NAME}_FOLLOW_ACTIVE) ? judge(state, options, input) : refused;
+    output->result = (refused == @{NAME}_FOLLOW_ACTIVE) ? @{name}_follow_judge(state, options, input) : refused;
     output->waits = state->has_next; /* after a path that was left, none does */
     return output->result;
 }
@@ -679,7 +679,7 @@ int @{name}_follow_row(const @{name}_param *param, const @{name}_real *before, c
         }
     }
     for (int j = 0; j < JOINTS; ++j) {
-        if (!(fabs@{f}(r[j] - before[j]) <= farthest[j]) || !(fabs@{f}(r[motors[j]] - rest[motors[j]]) <= twists[j])) {
+        if (!(fabs@{f}(r[j] - before[j]) <= @{name}_follow_farthest[j]) || !(fabs@{f}(r[@{name}_follow_motors[j]] - rest[@{name}_follow_motors[j]]) <= @{name}_follow_twists[j])) {
             code = @{NAME}_BAD_COMMAND;
         }
     }
