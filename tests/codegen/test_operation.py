@@ -18,9 +18,9 @@ from tests.refusals import refused_with
 
 from flexhinf.codegen import operations
 from flexhinf.codegen.dependence import elementary, linear, switches, varying
-from flexhinf.codegen.operations import OPERATIONS, OperationKind, nowhere, register
+from flexhinf.codegen.operations import OPERATIONS, OperationKind, formula, nowhere, register
 from flexhinf.errors import InvalidInput
-from flexhinf.scalars import Jet, Symbol, coefficients, jets, trace
+from flexhinf.scalars import Jet, Series, Symbol, coefficients, jets, trace
 
 #: A loop with the operation, as machine code and as C: its first input, and what the C calls.
 LOOP = """
@@ -73,6 +73,21 @@ def test_the_printed_file_adds_it(repository: Path, tmp_path: Path) -> None:
         printed.append(done.stdout)
     assert printed[0] == printed[1]
     assert "[['atan2('], ['atan2f(']]" in printed[0]
+
+
+@pytest.mark.oracle
+def test_a_function_that_casadi_lacks_is_one_formula(monkeypatch: pytest.MonkeyPatch) -> None:
+    for element in (Symbol, Jet, Series):
+        monkeypatch.setattr(element, "log2", None, raising=False)  # taken away again behind the test
+        delattr(element, "log2")
+    formula(np.log2, lambda x: np.log(x) / np.log(2.0))
+    model = lambda x: np.array([np.log2(x[0]) * x[1]])  # noqa: E731
+    assert float(trace(model, 2)([8.0, 2.0])) == pytest.approx(6.0, rel=1e-15)
+    slope = 1.0 / (8.0 * np.log(2.0))
+    assert coefficients(np.log2(jets([8.0], 2)), 1, 2)[0] == pytest.approx([3.0, slope, -slope / 16.0])
+    for taken in (np.log2, np.square, np.copysign):  # by a method, by operators, for numbers alone
+        with refused_with(InvalidInput, f"np.{taken.__name__}", f"my_{taken.__name__}"):
+            formula(taken, lambda x: x)
 
 
 def test_sine_is_no_row_that_others_replace() -> None:

@@ -107,7 +107,7 @@ def test_every_template_is_in_the_list_of_files_or_a_part_of_others() -> None:
     listed = {file.template for file in FILES}
     sources = [
         path.read_text(encoding="utf-8")
-        for path in TEMPLATES.parent.rglob("*")
+        for path in TEMPLATES.parents[1].rglob("*")
         if path.is_file() and path.suffix in (".py", ".c", ".h", ".md", ".ino", ".txt")
     ]
     for path in TEMPLATES.rglob("*"):

@@ -15,6 +15,7 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -28,8 +29,8 @@ from flexhinf.codegen.emit import sines
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.errors import refuse_if
 from flexhinf.scalars import deviations
-from flexhinf.scalars.jet import SMOOTH, expand
-from flexhinf.scalars.symbol import record
+from flexhinf.scalars.jet import SMOOTH, Jet, Series, expand
+from flexhinf.scalars.symbol import Symbol, record
 from flexhinf.scalars.trace import NAMES
 
 # Operations of several in one, numbered beside CasADi's own (which are not negative).
@@ -497,6 +498,28 @@ def register(row: OperationKind) -> None:
         record(row.name, row.code, row.numpy.nin)
         refusal = UNSTATED if row.switches is anywhere else SMOOTH
         expand(row.name, row.code, row.numpy.nin, "" if row.smooth or row.angle else refusal)
+
+
+def formula(function: np.ufunc, of: Callable[..., object]) -> None:
+    """Let a function of NumPy that CasADi lacks be a formula of others, wherever models are traced or expanded.
+
+    `function`: Of elements, as the first operand; on numbers it stays as it is. `of`: The same, of functions that
+    models may call. Raises InvalidInput: for a function that models have, or that NumPy has for numbers alone.
+    """
+    name, taken = function.__name__, "which NumPy has for numbers alone"
+    if any(kind.startswith("O") for kind in function.types):
+        taken = ""
+        with suppress(TypeError, AttributeError):
+            function(*[Symbol(casadi.SX.sym("x"))] * function.nin)
+            taken = "which models have"
+    refuse_if(
+        bool(taken),
+        f"The function np.{name} cannot be a formula.",
+        f"expected a function of NumPy for objects that models lack, got np.{name}, {taken}",
+        f"a function in the model's file, such as my_{name}",
+    )
+    for element in (Symbol, Jet, Series):
+        setattr(element, name, of)
 
 
 def written_by_others() -> str:
