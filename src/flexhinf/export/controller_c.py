@@ -222,6 +222,7 @@ class ControllerCode:
             self.places.elements(),
             self.places.long_parts(),
             self.places.constants_of_sizes(),
+            ("NOINLINE",),
         )
         names = ("OK", "BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
         translator.add(self.program, "sample", {CODES[name].value: self.upper(name) for name in names})

@@ -77,7 +77,8 @@ class Translator:
     for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have.
     `elements`: Indices by name of the elements of whole buffers, for functions that are given them; or elements of
     `parts`, names of places in a buffer. `functions`: Name to text, in an order in which C can read it.
-    `sizes`: Constants of C by buffer, for what is done to it as a whole. `calls_library`: Whether a function calls one
+    `sizes`: Constants of C by buffer, for what is done to it as a whole. `macros`: Those that the code around the
+    functions needs, see `flexhinf.codegen.c.algebra.MACROS`. `calls_library`: Whether a function calls one
     of the C library whose bits are not the same everywhere.
     `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
@@ -91,9 +92,11 @@ class Translator:
         elements: Mapping[str, Sequence[str]] = NOTHING,
         parts: Mapping[str, str] = NOTHING,
         sizes: Mapping[str, str] = NOTHING,
+        macros: Container[str] = (),
     ) -> None:
         self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
         self._elements, self._places_of, self._sizes = elements, parts, sizes
+        self._macros = macros
         self._numbers: dict[str, int | None] = {}  # of each buffer
         self.functions: dict[str, str] = {}
         self._names: dict[Hashable, str] = {}
@@ -109,7 +112,7 @@ class Translator:
 
     def __str__(self) -> str:
         text = "\n\n".join(self.functions.values()) + "\n"
-        used = [macro for word, macro in algebra.MACROS.items() if word in text]
+        used = [macro for word, macro in algebra.MACROS.items() if word in text or word in self._macros]
         return "\n".join([*used, text])
 
     def add(self, program: Program, name: str, codes: Mapping[int, str] = MappingProxyType({})) -> str:

@@ -99,7 +99,8 @@ static int @{name}_predict(@{name}_state *state, const @{name}_param *param,
 /* What every step returns after @{name}_init found that other numbers come out than are written. */
 #define REFUSED @{NAME}_BAD_ARITHMETIC
 
-/* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
+/* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. Two are not put into the
+ * step: its stack, which lies below all that a sample needs, would grow by what they need. */
 static int @{name}_same(const real *one, const real *other, int count)
 {
     for (int i = 0; i < count; ++i) {
@@ -222,7 +223,7 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
 }
 
 /* After a step that failed: where one did before from the same memory, go back to an earlier one. Returns the code. */
-static int @{name}_went_back(@{name}_state *state)
+static NOINLINE int @{name}_went_back(@{name}_state *state)
 {
     int at_start;
     int keeps_command = 0; /* if it is good, and once */
@@ -283,7 +284,7 @@ static int @{name}_counted(real number)
 {% endif %}
 /* What is applied: the last good input within the limits of now. Where it was overwritten, that of the start; where that
  * was too, the one before the first sample. */
-static void @{name}_hold(const @{name}_state *state, const @{name}_param *param, @{name}_output *output)
+static NOINLINE void @{name}_hold(const @{name}_state *state, const @{name}_param *param, @{name}_output *output)
 {
     real last[@{NAME}_INPUTS];
     for (int i = 0; i < @{NAME}_INPUTS; ++i) {
