@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,9 +22,7 @@ from flexhinf.export.recording import (
     FAILED,
     Provocation,
     Recording,
-    copied_history,
     history_of,
-    restore_history,
     samples_without,
 )
 from flexhinf.loop import Controller
@@ -245,7 +244,7 @@ def _tried(
             if (rows == 1 and not exact) or (not measured and not controller.gaps):
                 continue
             more, ended = longer(trial, memory, rows, measured), False
-            before = [*map(copied_history, going)]
+            before = [deepcopy(history_of(each)) for each in going]
             with suppress(NumericalFailure):
                 runs = [more.feed_to(each, len(one.y)) for each in going]
                 codes, ended = runs[0].codes, True
@@ -254,7 +253,7 @@ def _tried(
                 if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
                     one, missing, before = more, counts[-1], []
             for each, copied in zip(going, before):
-                restore_history(each, copied)
+                history_of(each).go_on_from(copied)
             if ended and rows > 1:
                 break
     return one

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 
@@ -70,7 +69,7 @@ class Provocation:
         fresh, numbers = going.fresh(), np.array(self.numbers)
         numbers[list(self.noise)] = 0.0
         fresh.data_vector = read_only(numbers)
-        restore_history(fresh, copied_history(going))
+        history_of(fresh).go_on_from(history_of(going))
         return fresh
 
     def answered(self, controller: Controller) -> Recording:
@@ -226,21 +225,6 @@ def memory_hash(memory: np.ndarray) -> int:
 def history_of(controller: Controller) -> StateHistory:
     """What a controller remembers, which only a test reads and replaces."""
     return controller._history  # pyright: ignore[reportPrivateUsage]
-
-
-def copied_history(controller: Controller) -> dict[str, object]:
-    """A copy of all that it remembers."""
-    return deepcopy(vars(history_of(controller)))
-
-
-def restore_history(controller: Controller, copied: Mapping[str, object]) -> None:
-    """Let a controller go on from a `copied_history`, in the arrays that its compiled step writes."""
-    history = history_of(controller)
-    for name, value in copied.items():
-        if isinstance(value, np.ndarray):
-            getattr(history, name)[:] = value
-        else:
-            setattr(history, name, value)
 
 
 def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:

@@ -6,7 +6,7 @@ All of them are computed here by other routes than those of the C: CasADi's own 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi
 import numpy as np
@@ -41,11 +41,13 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
     kept = code.controller.memory.places
     stop = kept.get("stop")
+    changes = {-1.0: MOST_FLIPS, math.nan: MOST_NONES} if code.real.bytes == 8 else {}
+    flips, nones = failures(code, run, changes) or ([], [])
     return {
         "far": far_values(code),
-        "flips": failures(code, run, MOST_FLIPS, -1.0) if code.real.bytes == 8 else [],
+        "flips": flips,
         "most_flips": MOST_FLIPS,
-        "nones": failures(code, run, MOST_NONES, math.nan) if code.real.bytes == 8 else [],
+        "nones": nones,
         "most_nones": MOST_NONES,
         "largest": Markup(LARGEST[code.real.name]),
         "eps": float(np.finfo(code.real.kind).eps),
@@ -66,24 +68,28 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
 MOST_FLIPS, MOST_NONES = 64, 320
 
 
-def failures(code: ControllerCode, run: Recording, most: int, factor: float) -> list[int]:
-    """Whether a step fails (1 or 0) after one number of the memory was multiplied, three samples from the start."""
+def failures(code: ControllerCode, run: Recording, changes: Mapping[float, int]) -> list[list[int]]:
+    """By factor, whether a step fails (1 or 0) after one number of the memory, of so many at most, was multiplied by
+    it, three samples from the start."""
     one, y, r = code.controller.fresh(), run.y[0], run.r[0][: code.sizes["r"]]
     command = r if code.controller.commanded else None
     for measured in (y, y, None if code.predicts else y):
         one.step(measured, command)
-    memory, failed = history_of(one).memory.copy(), list[int]()
-    for place in range(0, memory.size, 1 + memory.size // most):
-        history = history_of(one)
-        history.begin(memory)
-        history.waiting = False
-        history.memory[place] = factor * memory[place]
-        try:
-            one.step(y, command)
-            failed.append(0)
-        except NumericalFailure:
-            failed.append(1)
-    return failed
+    history, found = history_of(one), list[list[int]]()
+    memory = history.memory.copy()
+    for factor, most in changes.items():
+        failed = list[int]()
+        for place in range(0, memory.size, 1 + memory.size // most):
+            history.begin(memory)
+            history.waiting = False
+            history.memory[place] = factor * memory[place]
+            try:
+                one.step(y, command)
+                failed.append(0)
+            except NumericalFailure:
+                failed.append(1)
+        found.append(failed)
+    return found
 
 
 def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -187,6 +187,14 @@ class StateHistory:
         self.failed = self.holding = self.begun_again = False
         self.hold_command()
 
+    def go_on_from(self, other: StateHistory) -> None:
+        """Have what another one has, in the arrays that the compiled step writes."""
+        for name, value in vars(other).items():
+            if isinstance(value, np.ndarray):
+                getattr(self, name)[:] = value
+            else:
+                setattr(self, name, value)
+
     def hold_command(self) -> None:
         """Make the command of the last good sample the one that holds."""
         self.reference[: self.command.stop - self.command.start] = self.memory[self.command]
