@@ -8,9 +8,11 @@ conditions and what is large stay steps of their own, and so does a larger funct
 
 from __future__ import annotations
 
+import operator
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import reduce
 from itertools import groupby
 from typing import TypeVar, cast
 
@@ -311,23 +313,20 @@ def _labels(pieces: Sequence[Slice], memory: _Straight) -> tuple[str, ...]:
 
 def _sum(step: OuterSum, read: Callable[[Slice], list[casadi.SX]]) -> list[casadi.SX]:
     """The target of a sum of outer products, in the order of its loops."""
-    rows, columns = step.shape
-    left, right = read(step.left), read(step.right)
-    weights = None if step.weights is None else read(step.weights)
-    plus = None if step.plus is None else read(step.plus)
-    total: dict[tuple[int, int], casadi.SX] = {}
-    for i in range(rows):
-        for j in range(columns):
-            if step.symmetric and j < i:
-                total[i, j] = total[j, i]
-                continue
-            for k in range(step.count):
-                factor = left[k * rows + i] if weights is None else left[k * rows + i] * weights[k]
-                product = factor * right[k * columns + j]
-                total[i, j] = total[i, j] + product if k else product
-            if plus is not None:
-                total[i, j] = total[i, j] + plus[i * columns + j]
-    return [total[i, j] for i in range(rows) for j in range(columns)]
+    (rows, columns), count = step.shape, step.count
+    left, right = casadi.vertcat(*read(step.left)), casadi.vertcat(*read(step.right))
+    left, right = left.reshape((rows, count)), right.reshape((columns, count))
+    if step.weights is not None:
+        left = left * casadi.repmat(casadi.vertcat(*read(step.weights)).T, rows, 1)
+    products = (
+        casadi.repmat(left[:, k], 1, columns) * casadi.repmat(right[:, k].T, rows, 1) for k in range(count)
+    )
+    total = reduce(operator.add, products)
+    if step.plus is not None:
+        total = total + casadi.vertcat(*read(step.plus)).reshape((columns, rows)).T
+    total = casadi.triu2symm(casadi.triu(total)) if step.symmetric else total
+    numbers = casadi.densify(total).T
+    return [numbers[k] for k in range(numbers.numel())]
 
 
 def _operations(function: casadi.Function) -> int:
