@@ -30,6 +30,7 @@ from flexhinf.codegen.machine import host
 from flexhinf.codegen.memory import COLUMN
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
+from flexhinf.scalars import householder
 
 A, B = casadi.SX.sym("a", 3), casadi.SX.sym("b", 2)
 TURN = casadi.Function(
@@ -323,6 +324,30 @@ def test_reflections_make_a_triangle_of_the_same_squares(make, m, k, count, lane
         if make is compile_program:
             compile_program(reflected(m, k, count)).run({"a": table.reshape(-1, 1).copy(), "y": alone})
             np.testing.assert_array_equal(alone[:, 0], found.ravel())
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("m", "k", "first", "count"), [(9, 3, 0, 2), (17, 5, 1, 4)])
+def test_neighbouring_columns_that_count_as_zero_are_zero_below_the_diagonal(m, k, first, count, tmp_path):
+    """Their squares are below what counts. NumPy, lanes and C have the same bits; NumPy rounds what other columns turn."""
+    rng = np.random.default_rng(m)
+    tables = rng.normal(size=(16, m, k))
+    tables[:, :, first : first + 2] *= 1e-150
+    numbers = tables.reshape(16, -1)
+    alone, one = compile_program(reflected(m, k, count)), np.empty((m * k, 1))
+    compiled = in_c(reflected(m, k, count), tmp_path)
+    for table in tables:
+        assert alone.run({"a": table.reshape(-1, 1).copy(), "y": one}).fine
+        found, expected = one.reshape(m, k), householder(table, count)
+        np.testing.assert_array_equal(np.tril(found[:, :count], -1), 0.0)
+        np.testing.assert_allclose(found, expected, rtol=1e-9 if first else 0.0)
+        if compiled is not None:
+            np.testing.assert_array_equal(compiled(table), one[:, 0])
+    for lanes in (1, 3, 8, 16):
+        y = np.empty((m * k, lanes))
+        assert compile_program(reflected(m, k, count), lanes).run({"a": numbers[:lanes].T.copy(), "y": y}).fine
+        alone.run({"a": numbers[lanes - 1].reshape(-1, 1), "y": one})
+        np.testing.assert_array_equal(y[:, -1:], one)
 
 
 def subtracted(s: int, p: int, n: int) -> Program:

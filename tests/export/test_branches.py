@@ -44,15 +44,14 @@ CHOICES = (
     r"return \(\(quarter % 4u\) < 2u\) \? r : -r;", r"return \(x < 0[.e+0]*f?\) \? -sine : sine;",
     r"far \+= \(fabs\(x\[l\]\) <= .*\) \? 0 : 1;", r"rows\[.*l < left \? l : left - 1.*;",
     r"const int rows = \(triangle > 0\) \? m - triangle \+ c \+ 1 : m;",
-    r"target\[.*\] = \(i == c\) \? norm : 0[.e+0]*f?;",
+    r"target\[.*\] = \(whole <= .*\) \? diagonal : norm;",
     r"target\[q \* p \+ i\] = \(fabsf?\(low - low\) <= 0[.e+0]*f?\) \? high \+ low : high;",
 )  # fmt: skip
 
-#: Loops, all with bounds that are constants; one is left out for columns that are zero.
+#: Loops, all with bounds that are constants.
 LOOPS = (
     rf"for \(int \w+ = {SIZE}; \w+( \+ \d+)? (<|<=|>=) {SIZE}; (\+\+|--)?\w+( \+= \d+)?\) {{",
     r"for \(int e = 0; e < \(\([\w -]+ < \d+\) \? [\w -]+ : \d+\); \+\+e\) {",
-    r"for \(int i = c; i < rows && !\(whole <= .*\); \+\+i\) {",
 )
 
 #: Branches: numbers that are not finite, sine and cosine far away, and steps that are left out where a flag is zero.

@@ -292,10 +292,12 @@ def _memories(controller: Controller, exact: bool) -> Iterator[np.ndarray]:
             yield memory
     root = _places(controller, "root") if exact and first.size <= LARGE else []
     rows = math.isqrt(len(root))
-    for column in range(rows):
+    lone = [slice(k, k + 1) for k in range(rows)]
+    for columns in (*lone, *(slice(k, rows) for k in range(rows - 1)), *(slice(k) for k in range(2, rows))):
         table = np.abs(first[root]).max() * rng.standard_normal((rows, rows))
-        table[column] = 0.0  # what is taken for zero would add something here
-        table[:, column] = TINY * rng.standard_normal(rows)
+        if columns in lone:
+            table[columns] = 0.0  # what is taken for zero would add something here
+        table[:, columns] *= TINY / np.abs(first[root]).max()
         memory = np.array(first)
         memory[root] = table.ravel()
         yield memory

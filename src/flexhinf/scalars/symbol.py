@@ -276,7 +276,8 @@ def cholesky(matrix: np.ndarray, tolerance: float = PIVOT_TOLERANCE) -> np.ndarr
     return factor
 
 
-#: A column whose squares add up to less is zero: the reciprocal of such a number need not be finite.
+#: A column whose squares add up to less turns no row, and is zero below the diagonal: the reciprocal of such a number
+#: need not be finite.
 SMALLEST = 1e-290
 
 
@@ -315,7 +316,7 @@ def householder(rows: np.ndarray, count: int) -> np.ndarray:
         table[c, c + 1 :] = first + (total - square * part * first) * inverse
         table[c + 1 :, c + 1 :] = others - np.outer(t, (total * part + first) * inverse)
         table[c, c] = where(empty, diagonal, norm)
-        table[c + 1 :, c] = where(empty, t, 0.0)
+        table[c + 1 :, c] = 0.0
     return table
 
 

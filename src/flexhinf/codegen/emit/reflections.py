@@ -125,8 +125,7 @@ class Reflections(Algebra):
                     value = wide.multiply_add(factor, turned, self._load(work, here, together))
                     self._store(rows.work, here, value, together)
         with writer.loop(writer.let(f"mul nsw i64 {end}, {TILE}"), self._ahead(c, 1)) as i:
-            here = self._at(i, pitch, c)
-            self._store(rows.work, here, writer.select(empty, self._load(work, here, 1), zero), 1)
+            self._store(rows.work, self._at(i, pitch, c), zero, 1)
         self._store(rows.work, self._at(c, pitch, c), writer.select(empty, diagonal, norm), 1)
 
     def _summed(self, parts: list[str], wide: Writer) -> str:

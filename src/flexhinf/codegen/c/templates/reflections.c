@@ -42,8 +42,9 @@ static void @{name}(const @{R} *source, @{R} *target, int m, int k, int count, i
                 target[i * k + j] = FMA(target[i * k + c], turned, target[i * k + j]);
             }
         }
-        for (int i = c; i < rows && !(whole <= @{smallest}); ++i) {
-            target[i * k + c] = (i == c) ? norm : @{zero};
+        target[c * k + c] = (whole <= @{smallest}) ? diagonal : norm;
+        for (int i = c + 1; i < rows; ++i) {
+            target[i * k + c] = @{zero};
         }
     }
 }
