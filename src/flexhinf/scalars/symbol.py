@@ -308,9 +308,10 @@ def householder(rows: np.ndarray, count: int) -> np.ndarray:
         square = t @ t
         whole = diagonal * diagonal + square
         empty = whole <= SMALLEST
-        norm = where(empty, 1.0, np.sqrt(whole) * where(diagonal < 0.0, -1.0, 1.0))
-        part = where(empty, 0.0, 1.0 / (norm + diagonal))
-        inverse = where(empty, 0.0, 1.0 / norm)
+        norm = np.sqrt(whole) * where(diagonal < 0.0, -1.0, 1.0)
+        with np.errstate(all="ignore"):
+            zero = whole * whole  # where the column is empty; CasADi would move a plain 0 into every product below
+            part, inverse = (where(empty, zero, 1.0 / number) for number in (norm + diagonal, norm))
         first, others = table[c, c + 1 :].copy(), table[c + 1 :, c + 1 :]
         total = (t.astype(wide) @ others.astype(wide)).astype(table.dtype)
         table[c, c + 1 :] = first + (total - square * part * first) * inverse
