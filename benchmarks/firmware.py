@@ -7,6 +7,7 @@
                                                 notice of changed C, and what they reach; only so, as it takes long
     python -m benchmarks.firmware --only trajectories  likewise those of `benchmarks.firmware_trajectories`: how it
                                                 follows trajectories on MuJoCo's robot; only so
+    python -m benchmarks.firmware --only 7w --counted  leaves times as they are kept, for a machine that is busy
     python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers, tests or
                                                 trajectories the other ones
 
@@ -91,6 +92,9 @@ ROWS: list[tuple[int | str, str, str, str]] = [
     ),
 ]
 
+#: What a row has that is timed, and the processor of it.
+TIMES = ("microseconds", "times", "processor")
+
 #: Times every step, and says the median.
 TIMED = """
 #define _POSIX_C_SOURCE 199309L
@@ -161,22 +165,27 @@ def peer(links: int | str, program: str) -> Peer:
     return PROGRAMS[program](firmware_peers.limited(controller(links)))
 
 
-def measure(links: int | str, real: str, machine: str, program: str = "") -> dict[str, Any]:
+def measure(
+    links: int | str, real: str, machine: str, program: str = "", clock: bool = True
+) -> dict[str, Any]:
     """A row: sizes in bytes, instructions of a step, and on a Cortex-M its cycles; `program`: of `PROGRAMS`, whose
-    samples are others."""
+    samples are others. `clock`: Whether steps are timed on the PC too."""
     with tempfile.TemporaryDirectory() as work:
         one = peer(links, program).controller if program else controller(links)
         folder = export_c(one, Path(work) / "c", "arm", real, limits=False)
         if program:
             peer(links, program).write(folder, real)
-        measured = on_pc(folder) if machine == "x86-64" else on_cortex_m(folder, machine, not program)
+        if machine == "x86-64":
+            measured = on_pc(folder, clock)
+        else:
+            measured = on_cortex_m(folder, machine, not program)
         if not program and real == "double":
-            measured |= other_flags(folder, machine)
+            measured |= other_flags(folder, machine, clock)
     return {"links": links, "real": real, "machine": machine, "program": program} | measured
 
 
 # A PC ---------------------------------------------------------------------------------------------------
-def on_pc(folder: Path) -> dict[str, Any]:
+def on_pc(folder: Path, clock: bool) -> dict[str, Any]:
     """By gcc and callgrind; the stack is computed."""
     (folder / "state.c").write_text(STATE, encoding="utf-8")
     instructions = counted(folder, PC)
@@ -184,7 +193,8 @@ def on_pc(folder: Path) -> dict[str, Any]:
     return {
         "code": int(run("size", "arm.o", folder=folder).splitlines()[1].split()[0]),
         "state": int(run("./state", folder=folder)), "stack": stack(folder, "gcc", PC), "instructions": instructions,
-        "microseconds": timed(folder, [("gcc", PC[1:])])[0], "error": error_in(run("./plain", folder=folder)),
+        **({"microseconds": timed(folder, [("gcc", PC[1:])])[0]} if clock else {}),
+        "error": error_in(run("./plain", folder=folder)),
         "compiler": run("gcc", "--version", folder=folder).splitlines()[0], "flags": " ".join(PC),
     }  # fmt: skip
 
@@ -235,7 +245,7 @@ def error_in(text: str) -> float:
     return float(found[1])
 
 
-def other_flags(folder: Path, machine: str) -> dict[str, Any]:
+def other_flags(folder: Path, machine: str, clock: bool) -> dict[str, Any]:
     """Smallest and largest stack of the levels of optimisation; on the PC also instructions without and with fused
     multiply-adds, likewise with vectors of one length, and times."""
     compiler, base = (
@@ -246,6 +256,7 @@ def other_flags(folder: Path, machine: str) -> dict[str, Any]:
     if machine == "x86-64":
         for name, avx in (("fusing", ()), ("vectors", ("-mavx2",))):
             found[name] = [counted(folder, ("-std=c99", "-O2", *avx, *fma)) for fma in ((), ("-mfma",))]
+    if machine == "x86-64" and clock:
         ways = [(name, flags) for flags in TIMED_WITH for name in COMPILERS if shutil.which(name)]
         times = timed(folder, ways)
         found["times"] = [[name, " ".join(flags), time] for (name, flags), time in zip(ways, times)]
@@ -529,6 +540,7 @@ def main() -> int:
         choices=[*map(str, DESIGNS), "peers", "tests", "trajectories"],
         help="the rows of one design, of peers, of tests or of trajectories",
     )
+    parser.add_argument("--counted", action="store_true", help="leave times as they are kept")
     wanted = parser.parse_args()
     if wanted.only == "tests":
         firmware_tests.keep(controller)
@@ -540,7 +552,9 @@ def main() -> int:
         known = {key(row): row for row in kept_rows(KEPT)}
         for row in ROWS:  # kept one by one
             if wanted.only in (None, "peers" if row[3] else str(row[0])):
-                known[row] = measure(*row)
+                before = known.get(row, {})
+                times = {name: before[name] for name in TIMES if name in before and wanted.counted}
+                known[row] = measure(*row, clock=not times) | times
                 print(json.dumps(known[row]), flush=True)
                 rows = [known[row] for row in ROWS if row in known]
                 keep_rows(KEPT, rows)

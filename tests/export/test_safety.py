@@ -312,9 +312,10 @@ static real arm_sin(real x)
 static void arm_seen(const real *seen)
 {
     const bool c1 = 0.5 < seen[2];
-    const real v1 = c1 ? 2.0 : 1.0;
+    const real v1 = c1 ? 3.0 : 1.0;
     const real v2 = (c2 && c3) ? 4.0 : v1;
     const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);
+    const bool c6 = (v2 <= 4.0) && (v2 >= 4.0);
     const real v3 = c4 ? seen[1] : v2;
     const bool c5 = (v3 <= 3.0) && (v3 >= 3.0);
 }
@@ -377,6 +378,8 @@ static void arm_copy(const real *source, real *target)
     assert is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", "<= 3.0", "<= 3.75")
     assert not is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", ">= 3.0", ">= 3.75")
     assert not is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", "<= 3.0", "<= 4.0")
+    assert is_none(places["const bool c6 = (v2 <= 4.0) && (v2 >= 4.0);"], "number", "<= 4.0", "<= 5.0")
+    assert not is_none(places["const bool c6 = (v2 <= 4.0) && (v2 >= 4.0);"], "number", ">= 4.0", ">= 5.0")
     assert not is_none(places["const bool c5 = (v3 <= 3.0) && (v3 >= 3.0);"], "number", "<= 3.0", "<= 3.75")
     assert is_none(places["rows[1] = commands[1];"], "number", "commands[1]", "commands[2]")
     assert not is_none(places["rows[0] = commands[0];"], "number", "commands[0]", "commands[1]")
