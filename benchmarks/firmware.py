@@ -7,9 +7,10 @@
                                                 notice of changed C, and what they reach; only so, as it takes long
     python -m benchmarks.firmware --only trajectories  likewise those of `benchmarks.firmware_trajectories`: how it
                                                 follows trajectories on MuJoCo's robot; only so
+    python -m benchmarks.firmware --only worst  likewise those of `benchmarks.firmware_worst`: the longest steps
     python -m benchmarks.firmware --only 7w --counted  leaves times as they are kept, for a machine that is busy
-    python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers, tests or
-                                                trajectories the other ones
+    python -m benchmarks.firmware --table       prints the table of the rows that are kept; --table peers, tests,
+                                                trajectories or worst the other ones
 
 Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F and Cortex-M7 that QEMU emulates
 (``make cortex-m4`` of an exported folder, with the flags and the board of either). Cycles are counted too: QEMU tells
@@ -36,7 +37,7 @@ from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
-from benchmarks import firmware_peers, firmware_tests, firmware_trajectories
+from benchmarks import firmware_peers, firmware_tests, firmware_trajectories, firmware_worst
 from benchmarks.firmware_peers import PROGRAMS, Peer, kilobytes
 from benchmarks.record import keep_rows, kept_rows
 from flexhinf.design.workspace.search import tuned_setup
@@ -530,6 +531,7 @@ def main() -> int:
         "peers": lambda: firmware_peers.table(kept_rows(KEPT)),
         "tests": lambda: firmware_tests.table(kept_rows(firmware_tests.KEPT)),
         "trajectories": lambda: firmware_trajectories.table(kept_rows(firmware_trajectories.KEPT)),
+        "worst": lambda: firmware_worst.table(kept_rows(firmware_worst.KEPT)),
     }
     parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=__doc__)
     parser.add_argument(
@@ -537,8 +539,8 @@ def main() -> int:
     )
     parser.add_argument(
         "--only",
-        choices=[*map(str, DESIGNS), "peers", "tests", "trajectories"],
-        help="the rows of one design, of peers, of tests or of trajectories",
+        choices=[*map(str, DESIGNS), "peers", "tests", "trajectories", "worst"],
+        help="the rows of one design, of peers, of tests, of trajectories or of the longest steps",
     )
     parser.add_argument("--counted", action="store_true", help="leave times as they are kept")
     wanted = parser.parse_args()
@@ -548,6 +550,9 @@ def main() -> int:
     if wanted.only == "trajectories":
         firmware_trajectories.keep()
         wanted.table = "trajectories"
+    if wanted.only == "worst":
+        firmware_worst.keep(controller)
+        wanted.table = "worst"
     if wanted.table is None:
         known = {key(row): row for row in kept_rows(KEPT)}
         for row in ROWS:  # kept one by one

@@ -503,6 +503,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),
     "firmware-peers": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "peers")),
     "firmware-tests": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "tests")),
+    "firmware-worst": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "worst")),
     "firmware-trajectories": (
         "docs/firmware_study.md",
         benchmark("benchmarks.firmware", "--table", "trajectories"),

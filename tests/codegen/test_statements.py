@@ -329,7 +329,7 @@ def test_reflections_make_a_triangle_of_the_same_squares(make, m, k, count, lane
 @pytest.mark.oracle
 @pytest.mark.parametrize(("m", "k", "first", "count"), [(9, 3, 0, 2), (17, 5, 1, 4)])
 def test_neighbouring_columns_that_count_as_zero_are_zero_below_the_diagonal(m, k, first, count, tmp_path):
-    """Their squares are below what counts. NumPy, lanes and C have the same bits; NumPy rounds what other columns turn."""
+    """Their squares are below what counts. NumPy, lanes and C have the same bits; NumPy rounds other columns."""
     rng = np.random.default_rng(m)
     tables = rng.normal(size=(16, m, k))
     tables[:, :, first : first + 2] *= 1e-150
@@ -345,7 +345,9 @@ def test_neighbouring_columns_that_count_as_zero_are_zero_below_the_diagonal(m, 
             np.testing.assert_array_equal(compiled(table), one[:, 0])
     for lanes in (1, 3, 8, 16):
         y = np.empty((m * k, lanes))
-        assert compile_program(reflected(m, k, count), lanes).run({"a": numbers[:lanes].T.copy(), "y": y}).fine
+        assert (
+            compile_program(reflected(m, k, count), lanes).run({"a": numbers[:lanes].T.copy(), "y": y}).fine
+        )
         alone.run({"a": numbers[lanes - 1].reshape(-1, 1), "y": one})
         np.testing.assert_array_equal(y[:, -1:], one)
 

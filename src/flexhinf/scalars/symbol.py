@@ -310,7 +310,9 @@ def householder(rows: np.ndarray, count: int) -> np.ndarray:
         empty = whole <= SMALLEST
         norm = np.sqrt(whole) * where(diagonal < 0.0, -1.0, 1.0)
         with np.errstate(all="ignore"):
-            zero = whole * whole  # where the column is empty; CasADi would move a plain 0 into every product below
+            zero = (
+                whole * whole
+            )  # where the column is empty; CasADi would move a plain 0 into every product below
             part, inverse = (where(empty, zero, 1.0 / number) for number in (norm + diagonal, norm))
         first, others = table[c, c + 1 :].copy(), table[c + 1 :, c + 1 :]
         total = (t.astype(wide) @ others.astype(wide)).astype(table.dtype)
