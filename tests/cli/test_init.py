@@ -129,6 +129,36 @@ def test_a_file_that_is_written_takes_what_is_published_and_leaves_out_springs_t
     assert list(Path().glob(".*")) == []
 
 
+def test_a_joint_whose_stiffness_is_published_gets_no_estimate(folder: Path) -> None:
+    Path("arm.urdf").write_text(urdf_of("left_s0", "shoulder", 4), encoding="utf-8")
+    assert main(["init", "arm.urdf"]) == 0
+    robot = load_robot("arm.toml")
+    assert robot["stiffness_left_s0"].value == 843.0
+    assert robot.estimated["stiffness"] == ("shoulder",)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "what"),
+    [
+        (
+            "arm.xacro",
+            '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include/></robot>',
+            "xacro",
+        ),
+        ("arm.sdf", '<?xml version="1.0"?><sdf><model name="a"/></sdf>', "<sdf>"),
+    ],
+)
+def test_xml_that_is_no_urdf_is_told_what_it_is_and_is_no_log(
+    name: str, text: str, what: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path(name).write_text(text, encoding="utf-8")
+    for command in ("check", "init"):
+        assert main([command, name]) == 2
+        said = capsys.readouterr()
+        assert what in said.out + said.err
+        assert unnamed(said.out + said.err, "--robot", "moves") == ["--robot", "moves"]
+
+
 @pytest.mark.parametrize(
     ("kind", "rows"),
     [

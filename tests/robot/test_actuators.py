@@ -44,6 +44,13 @@ def test_springs_in_series_and_inertias_are_those_of_their_sources() -> None:
     big, orange = (published_joints()[name].numbers for name in ("walkman-big-10k", "compliant-orange80"))
     assert big["stiffness"]["value"] == pytest.approx(1.0 / (1.0 / 75e3 + 1.0 / 12823.0), rel=1e-4)
     assert orange["stiffness"]["value"] == pytest.approx(1.0 / (1.0 / 16e3 + 1.0 / 6e3), rel=1e-4)
+    for name, gear, bar in (("lemon", 13e3, 6e3), ("pomegranate", 32e3, 9e3)):
+        series = published_joints()[f"tree-{name}"].numbers["stiffness"]["value"]
+        assert series == pytest.approx(1.0 / (1.0 / gear + 1.0 / bar), rel=2e-4)
+    powerballs = ((5.23e-5, 160.0, "large"), (1.7e-5, 100.0, "small"))
+    for inertia, ratio, size in powerballs:
+        numbers = published_joints()[f"schunk-lwa4p-{size}"].numbers
+        assert numbers["motor_inertia"]["value"] == pytest.approx(inertia * ratio**2, rel=1e-3)
     rotor, gear, load = 5.48e-5 * 100**2, 2.63e-5 * 100**2, 0.0867
     assert big["motor_inertia"]["value"] == pytest.approx(
         1.1001 * (rotor + gear) / (rotor + gear + load), rel=1e-4

@@ -48,6 +48,11 @@ def begun(path: Path, drive: str = "") -> Path:
     return out
 
 
+def examined_changes(path: Path) -> list[str]:
+    """What `flexhinf check` says that `flexhinf init` changes, beside what stands in quotes."""
+    return [found.what.split(": ", 1)[1] for found in examine_robot(path).findings if "init" in found.what]
+
+
 def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     path = written(
         tmp_path,
@@ -109,10 +114,23 @@ def test_grippers_are_locked_and_a_torque_that_nobody_states_holds_the_arm(tmp_p
         joint("left", "lower", "l", '<limit lower="0.01" upper="0.04"/>', "prismatic"),
         joint("right", "lower", "r", follows, "prismatic"),
     )  # fmt: skip
+    assert [change.split("'")[1::2] for change in examined_changes(path)] == [["left", "right"]]
     robot = load_robot(begun(path))
     assert robot.joint_names == ("shoulder", "elbow")
     facts = joint_facts(robot)
     assert all(1.5 * fact.weight < fact.effort < np.inf for fact in facts)
+
+
+def test_a_range_without_numbers_of_a_motor_is_no_joint_that_nothing_drives(tmp_path: Path) -> None:
+    """Exporters write 0 for torque and speed of joints that move; a caster states no range, and stands still."""
+    path = written(
+        tmp_path, link("upper"), link("lower"), link("wheel"),
+        joint("shoulder", "base", "upper", '<limit lower="-2" upper="2" effort="0" velocity="0"/>'),
+        joint("elbow", "upper", "lower"),
+        joint("caster", "base", "wheel", '<limit effort="0" velocity="0"/>', "continuous"),
+    )  # fmt: skip
+    assert load_robot(begun(path)).joint_names == ("shoulder", "elbow")
+    assert [change.split("'")[1::2] for change in examined_changes(path)] == [["caster"]]
 
 
 @pytest.mark.parametrize("drive", ["torque", "current", "voltage", "velocity", "position"])
@@ -230,6 +248,30 @@ def test_one_torque_for_all_joints_that_none_needs_is_no_motors(tmp_path: Path) 
         shoulder, elbow = joint_facts(load_robot(begun(path)))
         assert shoulder.effort == elbow.effort
         assert shoulder.effort == effort if own else needed < shoulder.effort < 5.0 * needed
+
+
+def test_one_torque_for_all_joints_that_does_not_hold_them_is_no_motors(tmp_path: Path) -> None:
+    """Writers of files put 1 everywhere, for torques, masses and inertias; what differs is taken as stated."""
+
+    def arm(effort: float, *masses: float) -> Path:
+        limit = f'<limit lower="-1" upper="2" effort="{effort}" velocity="3"/>'
+        names = ("base", *[f"link{k}" for k in range(len(masses))])
+        links = [link(name, mass=mass) for name, mass in zip(names[1:], masses)]
+        return written(
+            tmp_path, *links, *(joint(f"j{k}", *names[k : k + 2], limit) for k in range(len(masses)))
+        )
+
+    for effort, last, alike, weak in (
+        (1.0, 1.0, 1, 1),
+        (1.0, 2.0, 0, 1),
+        (20.0, 2.0, 0, 0),  # which holds most of its range
+    ):
+        path = arm(effort, 1.0, 1.0, last)
+        doubts = [found for found in examine_robot(path).findings if found.severity == "doubt"]
+        assert len([found for found in doubts if "kg" in found.numbers]) == alike
+        assert len([found for found in doubts if "torques" in found.numbers]) == weak
+        facts = joint_facts(load_robot(begun(path)))
+        assert all(fact.effort > fact.weight for fact in facts) is (weak == 1)
 
 
 @pytest.mark.parametrize(("period", "told"), [(None, "4 ms"), (1e-3, "1 ms")])

@@ -43,9 +43,17 @@ def check(context: typer.Context, o: options.CheckOptions) -> None:
 
 
 def _is_robot(path: Path) -> bool:
+    """Whether a file is a robot's, by its name or as it begins: xacro and SDF are XML too, and no log is."""
     from flexhinf.robot import catalogue
+    from flexhinf.robot.robot_file import format_readers
 
-    return path.suffix.lower() in ROBOTS or str(path) in catalogue()
+    if path.suffix.lower() in ROBOTS or str(path) in catalogue() or format_readers(path):
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+    except (OSError, ValueError):  # no file, or no name of one
+        return False
 
 
 def check_robot(context: typer.Context, o: options.CheckOptions) -> int:

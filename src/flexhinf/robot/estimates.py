@@ -11,7 +11,8 @@ They rest on few published arms, and are wide. A parameter whose source begins w
 - **Friction.** A tenth of the largest torque at the largest speed, 2 rad/s or 0.5 m/s where none is stated.
 - **Torque.** Where none is stated, or a placeholder, twice what the heaviest pose asks for, and 5 rad/s² (m/s²) of the
   joint's inertia. Where all joints state one torque of which none asks for a thirtieth, the motors are equal, but that
-  number is none of theirs: twice what the joint that needs most asks for.
+  number is none of theirs: twice what the joint that needs most asks for. Where they state one that holds less than
+  half of their weight, such as 1, it says nothing of any motor.
 """
 
 from __future__ import annotations
@@ -41,6 +42,9 @@ PLACEHOLDER = 1e5
 #: One torque of all joints, of which none asks for more than this share, is a placeholder too.
 SMALLEST_SHARE = 1.0 / 30.0
 
+#: One torque of all joints that holds a smaller share of their weight is none of a motor either.
+HELD = 0.5
+
 #: Poses at which the weight is looked at, and their seed; the range of a joint without one, rad or m.
 POSES, SEED, RANGE = 200, 0, np.pi
 
@@ -62,10 +66,10 @@ class EstimatedJoint:
 def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     """Estimates for the joints of an arm, by their names."""
     weights = largest_weight(arm)
-    equal = has_placeholder_effort(arm, weights)
+    equal, small = has_placeholder_effort(arm, weights), len(weak_joints(arm)) > 0
     joints = {}
     for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, weights.tolist()):
-        known = bool(effort <= PLACEHOLDER * weight) and not equal
+        known = bool(effort <= PLACEHOLDER * weight) and not equal and not small
         needed = weights.max() if equal else weight
         joints[joint.name] = estimated_joint(effort if known else 2.0 * needed, known, speed, joint.slides)
     return joints
@@ -76,6 +80,16 @@ def has_placeholder_effort(arm: RigidArm, weights: np.ndarray) -> bool:
     efforts = np.array(arm.efforts, dtype=float)
     same = len(efforts) > 1 and bool((efforts == efforts[0]).all()) and np.isfinite(efforts[0])
     return bool(same and weights.max() < SMALLEST_SHARE * efforts[0])
+
+
+def weak_joints(arm: RigidArm) -> list[str]:
+    """Joints of which the one torque, N·m (N), that all joints state holds less than `HELD` of the weight; none where
+    torques differ."""
+    efforts = np.array(arm.efforts, dtype=float)
+    if len(efforts) < 2 or not (efforts == efforts[0]).all():
+        return []
+    weak = HELD * largest_weight(arm, 0.0) > efforts
+    return [joint.name for joint, too_much in zip(arm.joints, weak.tolist()) if too_much]
 
 
 def estimated_joint(effort: float, stated: bool, speed: float, slides: bool) -> EstimatedJoint:
@@ -107,9 +121,9 @@ def estimated_joint(effort: float, stated: bool, speed: float, slides: bool) -> 
     )
 
 
-def largest_weight(arm: RigidArm) -> np.ndarray:
+def largest_weight(arm: RigidArm, spare: float = SPARE) -> np.ndarray:
     """The largest torque (n,), N·m (N), that an arm's weight asks of each joint at random poses of its range, and
-    `SPARE` of the inertia that the joint moves there."""
+    `spare`, rad/s² (m/s²), of the inertia that the joint moves there."""
     tree = Tree(tuple(arm.joints))
     links = Arm(tree, (0.0, 0.0, -1.0) if arm.down is None else arm.down)
     ends = np.array([joint.limits or (-RANGE, RANGE) for joint in arm.joints])
@@ -120,8 +134,11 @@ def largest_weight(arm: RigidArm) -> np.ndarray:
         for name in ("centre_of_mass", "inertia")
     )
     p = Parameters({"gravity": arm.gravity, "mass": mass, "centre_of_mass": centre, "inertia": inertia})
+    held = np.abs(links.gravity_torque(q, p)).max(axis=1)
+    if not spare:
+        return held
     bodies, still, unit = bodies_of(*links.rigid(p)), [0.0] * len(q), np.eye(len(q)).tolist()
     moved = [  # the diagonal of M(q)
         np.max(inverse_dynamics(tree, bodies, q, still, unit[k], (0.0, 0.0, 0.0))[k]) for k in range(len(q))
     ]
-    return np.abs(links.gravity_torque(q, p)).max(axis=1) + SPARE * np.array(moved)
+    return held + spare * np.array(moved)

@@ -16,13 +16,13 @@ from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import DRIVES, DRY, EXTRAS, INNER, stated_curve, torque_per_input
-from flexhinf.robot.estimates import has_placeholder_effort, largest_weight
+from flexhinf.robot.estimates import has_placeholder_effort, largest_weight, weak_joints
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import branches_text, description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.robot_file import load_robot
+from flexhinf.robot.robot_file import format_readers, load_robot
 from flexhinf.robot.signals import UNITS
 
 #: Share of the largest weight below which one is an error of rounding.
@@ -39,6 +39,9 @@ HEAVY = 0.7
 
 #: The largest command of a drive over its joint's range or speed limit: more is another quantity, such as a torque.
 FAR = 5.0
+
+#: So many links of one mass and inertia are placeholders.
+ALIKE = 3
 
 #: Samples in a period of the fastest vibration, below which no controller of this period damps it.
 FEWEST_SAMPLES = 2.5
@@ -99,7 +102,7 @@ def examine_robot(
     Raises InvalidInput where the file is not there, or is no such file at all.
     """
     result = RobotExamination(path)
-    if path.suffix.lower() != ".toml" and elastic is None:
+    if path.suffix.lower() != ".toml" and elastic is None and not format_readers(path):
         _examine_links(path, result)
     else:
         result.robot = _loaded(path, elastic, result)
@@ -165,6 +168,23 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             "All joints state one torque, and none needs a thirtieth of it.",
             numbers=f"expected torques of data sheets, got {arm.efforts[0]:g} for at most {weights.max():.2g}",
             advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
+        )
+    elif weak := weak_joints(arm):
+        result.add(
+            "doubt",
+            "All joints state one torque, which holds less than half of their weight.",
+            place=", ".join(weak),
+            count=len(weak),
+            numbers=f"expected torques of data sheets, got {arm.efforts[0]:g}",
+            advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
+        )
+    if len(arm.links) >= ALIKE and len({(link.mass, *link.inertia) for link in arm.links}) == 1:
+        mass, most = arm.links[0].mass, max(arm.links[0].inertia)
+        result.add(
+            "doubt",
+            "All links have one mass and one inertia.",
+            numbers=f"expected those of each link, got {mass:g} kg and {most:g} kg·m², {len(arm.links)} times",
+            advice="masses, centres of mass and inertias of CAD, or of another file of this robot",
         )
     free = [joint.name for joint in arm.joints if joint.limits is None]
     if free:

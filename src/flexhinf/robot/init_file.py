@@ -23,8 +23,11 @@ from flexhinf.robot.mjcf_joints import coupled_joints, driven_joints, first_keyf
 from flexhinf.robot.parameters import ESTIMATE
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import NEAREST, Correction, RigidArm, ball_inertia, toml_key
-from flexhinf.robot.urdf import read_urdf
+from flexhinf.robot.urdf import read_urdf, refuse_other_xml
 from flexhinf.validation import one_of, read_xml, value_text
+
+#: Attributes of <limit>, and what exporters write for those of a motor that they do not know.
+LIMITS, NO_NUMBERS = ("effort", "velocity", "lower", "upper"), (0.0, -1.0)
 
 #: So often what a reader refuses is worked around: each time it may find more.
 ROUNDS = 10
@@ -47,7 +50,9 @@ class Description:
 
     def read(self) -> RigidArm:
         """The moving joints with their links, as the file and the corrections of inertias state them."""
-        self.joints = self.joints or _moving(self.root)
+        if not self.joints:
+            self.joints, still = _moving(self.root)
+            self.changes += [f"{_listed(names)} stand still: {why}" for why, names in still.items() if names]
         read = read_mjcf if self.is_mjcf else read_urdf
         return read(self.root, self.joints, None, self.inertias)
 
@@ -96,18 +101,28 @@ def description_of(path: Path, joints: Sequence[str] = ()) -> Description:
     return Description(path, read_xml(path), list(joints))
 
 
-def _moving(root: Element) -> list[str]:
-    """Joints that follow no other one and lead none, as those of grippers do: with a motor, or all without any."""
+def _moving(root: Element) -> tuple[list[str], dict[str, list[str]]]:
+    """Joints with a motor that follow no other one and lead none, as those of grippers do, or all such without any
+    motor; and those that stand still, by why."""
     if root.tag == "mujoco":
         driven, coupled = driven_joints(root), coupled_joints(root)
         every, motors = driven.every, driven.names
     else:
+        refuse_other_xml(root)
         elements = {joint.get("name", ""): joint for joint in root.findall("joint")}
         every = [name for name, joint in elements.items() if joint.get("type") in KINDS]
         mimics = {name: mimic for name, joint in elements.items() for mimic in joint.findall("mimic")}
         coupled = {*mimics, *(str(mimic.get("joint")) for mimic in mimics.values())}
         acted = {str(joint.get("name")) for one in root.iter("transmission") for joint in one.iter("joint")}
-        motors = acted | {name for name in every if _effort(elements[name])}
+        limits = {name: _limits(elements[name]) for name in every}
+        motors = acted | {name for name, (effort, *_) in limits.items() if effort > 0.0}
+        # exporters write a range alone where nobody stated a motor's numbers
+        unstated = {
+            name
+            for name, (effort, speed, low, high) in limits.items()
+            if effort in NO_NUMBERS and speed in NO_NUMBERS and low < high
+        }
+        motors |= unstated if motors - coupled else set()
     free = [name for name in every if name not in coupled]
     refuse_if(
         not free,
@@ -115,15 +130,21 @@ def _moving(root: Element) -> list[str]:
         f"expected joints that turn or slide and follow no other one, got {every}",
         f"--move {every[0]}" if every else "a file of an arm",
     )
-    return [name for name in free if name in motors] or free
+    moving = [name for name in free if name in motors] or free
+    still = {
+        "nothing drives them": [name for name in free if name not in moving],
+        "they are coupled to other joints": [name for name in every if name in coupled],
+    }
+    return moving, still
 
 
-def _effort(joint: Element) -> bool:
+def _limits(joint: Element) -> tuple[float, ...]:
+    """Effort, velocity, lower and upper of a joint's <limit>; 0 where it states none, or no numbers."""
     limit = joint.find("limit")
     try:
-        return limit is not None and float(limit.get("effort", "0")) > 0.0
+        return tuple(0.0 if limit is None else float(limit.get(key, "0")) for key in LIMITS)
     except ValueError:
-        return False
+        return (0.0,) * len(LIMITS)
 
 
 def _error(fault: PartFault) -> InvalidInput:
@@ -248,6 +269,7 @@ def _joint(
     catalogue: str,
 ) -> Iterator[str]:
     own, known = dict(numbers), published_as(name)
+    published = published_joints()[known].numbers if known else {}
     if known:
         yield f"actuator = {_text(known)}"
     if catalogue:
@@ -258,10 +280,9 @@ def _joint(
         yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what weight asks for"
     if rigid:
         yield f"rigid = true  # {ESTIMATE}: its spring vibrates faster than samples of 1 ms show"
-    elif not catalogue:
+    elif not catalogue and "stiffness" not in published:
         yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}")
     yield "[joint.motor]"
-    published = published_joints()[known].numbers if known else {}
     if "rotor_inertia" in gear and "gear_ratio" in gear and "motor_inertia" not in own:
         own |= gear
     elif loop is not None and loop.before_gear:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,7 @@ def load_robot(
         again = partial(_again, rigid=None, joints=joints, locked=locked, payload=payload)
         return replace(robot, file=path, reader=again)
     ending = path.suffix.lower()
-    points = () if ending in (".urdf", *MJCF) else entry_points(group=FORMATS, name=ending.removeprefix("."))
+    points = format_readers(path)
     refuse_if(
         len(points) > 1,
         f"Several packages read {path.suffix!r} files.",
@@ -119,6 +119,12 @@ def load_robot(
     robot = RobotFile(springs).robot_with(path, joints, locked, payload)
     again = partial(_again, rigid=path, joints=joints, locked=locked, payload=payload)
     return replace(robot, file=springs, reader=again)
+
+
+def format_readers(path: Path) -> Sequence[EntryPoint]:
+    """Readers of other packages for files with this ending; none for a URDF or an MJCF file."""
+    ending = path.suffix.lower()
+    return () if ending in (".urdf", *MJCF) else [*entry_points(group=FORMATS, name=ending.removeprefix("."))]
 
 
 def _again(file: Path, rigid: Path | None, **others: Any) -> Robot:

@@ -119,13 +119,13 @@ def read_urdf(
     that `joints` leaves out stand at zero or at the nearer limit, or where the joint that they mimic takes them.
     `inertias` take the place of those that the file states, by link.
     """
-    refuse_if(
-        root.tag != "robot",
-        "This is no URDF.",
-        f"expected the root element <robot>, got <{root.tag[:60]}>",
-        "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
+    left = refuse_other_xml(root)
+    ask(
+        left,
+        f"Macros of xacro that nobody expanded are left out: {value_text(', '.join(sorted(left)), 120)}.",
+        "expected plain URDF",
+        "xacro arm.xacro > arm.urdf, with all files that it includes",
     )
-    _check_xacro(root)
     links, elements = _named(root, "link"), _named(root, "joint")
     if any(_link_at(joint, "parent") == WORLD for joint in elements.values()):
         links.setdefault(WORLD, Element("link"))
@@ -185,8 +185,14 @@ def read_urdf(
 
 
 # Elements -----------------------------------------------------------------------------------------
-def _check_xacro(root: Element) -> None:
-    """Refuse a file that xacro has to expand; say which calls of macros are left in one that it has expanded."""
+def refuse_other_xml(root: Element) -> set[str]:
+    """Refuse what is no URDF, and a file that xacro has to expand; names of macros left in one that it has expanded."""
+    refuse_if(
+        root.tag != "robot",
+        "This is no URDF.",
+        f"expected the root element <robot>, got <{root.tag[:60]}>",
+        "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
+    )
     left = {
         str(element.tag).rpartition("}")[2].rpartition(":")[2]
         for element in root.iter()
@@ -202,12 +208,7 @@ def _check_xacro(root: Element) -> None:
         f"expected plain URDF, got {value_text(opened[0][0], 60) if opened[0] else 'elements of xacro'}",
         "xacro arm.xacro > arm.urdf",
     )
-    ask(
-        left,
-        f"Macros of xacro that nobody expanded are left out: {value_text(', '.join(sorted(left)), 120)}.",
-        "expected plain URDF",
-        "xacro arm.xacro > arm.urdf, with all files that it includes",
-    )
+    return left
 
 
 def _open_texts(parts: Iterable[Element]) -> list[str]:
