@@ -74,8 +74,8 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     assert "[links.lower]" in text
 
 
-def test_a_link_that_states_no_inertia_is_a_plastic_ball(tmp_path: Path) -> None:
-    point = '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+@pytest.mark.parametrize("point", ['<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>', " "])
+def test_a_link_that_states_no_inertia_is_a_plastic_ball(point: str, tmp_path: Path) -> None:
     path = written(tmp_path, link("upper", point, mass=2.0), joint("shoulder", "base", "upper"))
     text = begun(path).read_text(encoding="utf-8")
     inertia = tomllib.loads(text)["links"]["upper"]["inertia"]
@@ -83,6 +83,18 @@ def test_a_link_that_states_no_inertia_is_a_plastic_ball(tmp_path: Path) -> None
     moment = pytest.approx(0.4 * 2.0 * radius**2, rel=0.01)
     assert inertia == dict.fromkeys(("xx", "yy", "zz"), moment) | dict.fromkeys(("xy", "xz", "yz"), 0.0)
     assert load_robot(tmp_path / "begun.toml").joint_names == ("shoulder",)
+
+
+def test_every_element_that_stands_twice_is_named(tmp_path: Path) -> None:
+    twice = f'{GOOD}<mass value="3"/>'
+    path = written(
+        tmp_path, link("upper", twice), link("lower", twice),
+        joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower"),
+    )  # fmt: skip
+    assert [found.place for found in examine_robot(path).findings if "<mass>" in found.what] == [
+        "upper",
+        "lower",
+    ]
 
 
 def test_what_a_file_states_is_taken_and_the_rest_is_estimated(tmp_path: Path) -> None:
@@ -122,12 +134,12 @@ def test_grippers_are_locked_and_a_torque_that_nobody_states_holds_the_arm(tmp_p
 
 
 def test_a_range_without_numbers_of_a_motor_is_no_joint_that_nothing_drives(tmp_path: Path) -> None:
-    """Exporters write 0 for torque and speed of joints that move; a caster states no range, and stands still."""
+    """Exporters write 0 for torque and speed of joints that move; a caster carries no motor, and stands still."""
     path = written(
         tmp_path, link("upper"), link("lower"), link("wheel"),
         joint("shoulder", "base", "upper", '<limit lower="-2" upper="2" effort="0" velocity="0"/>'),
         joint("elbow", "upper", "lower"),
-        joint("caster", "base", "wheel", '<limit effort="0" velocity="0"/>', "continuous"),
+        joint("caster", "base", "wheel", '<limit lower="-1" upper="1" effort="0" velocity="0"/>'),
     )  # fmt: skip
     assert load_robot(begun(path)).joint_names == ("shoulder", "elbow")
     assert [change.split("'")[1::2] for change in examined_changes(path)] == [["caster"]]

@@ -179,7 +179,7 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
         )
     if len(arm.links) >= ALIKE and len({(link.mass, *link.inertia) for link in arm.links}) == 1:
-        mass, most = arm.links[0].mass, max(arm.links[0].inertia)
+        mass, most = arm.links[0].mass, float(np.max(np.array(arm.links[0].inertia, dtype=float)))
         result.add(
             "doubt",
             "All links have one mass and one inertia.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from flexhinf.robot.urdf import read_urdf, refuse_other_xml
 from flexhinf.validation import one_of, read_xml, value_text
 
 #: Attributes of <limit>, and what exporters write for those of a motor that they do not know.
-LIMITS, NO_NUMBERS = ("effort", "velocity", "lower", "upper"), (0.0, -1.0)
+LIMITS, NO_NUMBERS = ("effort", "velocity", "lower", "upper"), {0.0, -1.0}
 
 #: So often what a reader refuses is worked around: each time it may find more.
 ROUNDS = 10
@@ -86,7 +86,7 @@ class Description:
             for link in fault.parts:
                 moment = float(f"{ball_inertia(arm.mass_of(link)):.4g}")
                 self.inertias[link] = (moment, 0.0, 0.0, moment, 0.0, moment)
-            self.changes.append(f"{_listed(fault.parts)} state no inertia: that of a plastic ball is taken")
+            self.changes.append(f"no inertia of {_listed(fault.parts)} is stated: that of a plastic ball is taken")
         elif fault.kind in (NO_MASS, NO_ROOM, NO_KIND) and len(self.joints) > len(fault.parts):
             still = [name for name in fault.parts if name in self.joints]
             refuse_if(not still, fault.what, fault.found, fault.advice)
@@ -117,12 +117,11 @@ def _moving(root: Element) -> tuple[list[str], dict[str, list[str]]]:
         limits = {name: _limits(elements[name]) for name in every}
         motors = acted | {name for name, (effort, *_) in limits.items() if effort > 0.0}
         # exporters write a range alone where nobody stated a motor's numbers
-        unstated = {
+        motors |= {
             name
-            for name, (effort, speed, low, high) in limits.items()
-            if effort in NO_NUMBERS and speed in NO_NUMBERS and low < high
+            for name in _carriers(elements, motors - coupled)
+            if name in limits and {*limits[name][:2]} <= NO_NUMBERS and limits[name][2] < limits[name][3]
         }
-        motors |= unstated if motors - coupled else set()
     free = [name for name in every if name not in coupled]
     refuse_if(
         not free,
@@ -136,6 +135,25 @@ def _moving(root: Element) -> tuple[list[str], dict[str, list[str]]]:
         "they are coupled to other joints": [name for name in every if name in coupled],
     }
     return moving, still
+
+
+def _carriers(joints: Mapping[str, Element], names: Iterable[str]) -> set[str]:
+    """Joints between the base and those of these names."""
+    ends = {
+        end: {
+            name: "" if (part := joint.find(end)) is None else part.get("link")
+            for name, joint in joints.items()
+        }
+        for end in ("parent", "child")
+    }
+    above = {link: name for name, link in ends["child"].items()}
+    found, ahead = set[str](), [*names]
+    while ahead:
+        carrier = above.get(ends["parent"].get(ahead.pop()))
+        if carrier is not None and carrier not in found:
+            found.add(carrier)
+            ahead.append(carrier)
+    return found
 
 
 def _limits(joint: Element) -> tuple[float, ...]:

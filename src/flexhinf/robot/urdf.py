@@ -15,13 +15,15 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Placement, matrix_of
-from flexhinf.robot.faults import NO_KIND, NO_ROOM, refuse_part
+from flexhinf.robot.faults import NO_EXTENT, NO_KIND, NO_ROOM, refuse_part
 from flexhinf.robot.parameters import INERTIA, measured
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
+    NEAREST,
     Correction,
     RigidArm,
+    ball_inertia,
     check_count,
     check_turns,
     locked_joints,
@@ -264,8 +266,10 @@ def _check_element(name: str, element: Element) -> None:
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         found = {ElementTree.tostring(part).strip() for part in element.findall(tag)}
-        refuse_if(
+        refuse_part(
             len(found) > 1,
+            "",
+            (name,),
             f"<{tag}> stands {len(found)} times in {where} {name!r}, and says different things.",
             f"expected one <{tag}>, got {len(found)}",
             "delete the others",
@@ -515,15 +519,28 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
     if six is None and mass_element is not None and mass == 0.0:
         return
     if refuse_part(
-        mass_element is None or six is None,
+        mass_element is None,
         "",
         (link,),
-        f"The <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
+        f"The <inertial> of the link {link!r} has no mass.",
         "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
-        "the missing one; or no <inertial> for a link without mass",
+        "the mass; or no <inertial> for a link without mass",
     ):
         return
-    assert six is not None
+    there = place.then(_origin(link, inertial))
+    if six is None:
+        ball = ball_inertia(max(mass, 0.0))
+        corrected = arm.inertias.get(link, NEAREST) != NEAREST
+        refuse_part(
+            not corrected,
+            NO_EXTENT,
+            (link,),
+            f"The <inertial> of the link {link!r} has no inertia.",
+            "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
+            f"<inertia ixx='{ball:.2g}' iyy='{ball:.2g}' izz='{ball:.2g}'/> of a plastic ball, or as measured",
+        )
+        arm.add_body(carrier, link, mass, ball * np.eye(3), there)
+        return
     moments = matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA])
     for below, above in MIRRORED.items():
         mirrored, own = (_number(link, six, key) for key in (below, above))
@@ -535,4 +552,4 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
             f"expected {below} equal to {above}, got {mirrored:g} and {own:g}",
             f"the file without {below}",
         )
-    arm.add_body(carrier, link, mass, moments, place.then(_origin(link, inertial)))
+    arm.add_body(carrier, link, mass, moments, there)
