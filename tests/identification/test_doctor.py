@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.logs import arm_log, healthy_log
+from tests.logs import arm_log, healthy_log, recorded
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -151,12 +151,25 @@ def test_signs_and_delays_are_told_by_the_model(
     assert advice in found.advice
 
 
+@pytest.mark.parametrize("signal", ["deflection", "joint_torque"])
+def test_a_spring_that_pulls_against_its_link_has_the_other_sign(signal: str) -> None:
+    """A link's angle beside its motor is minus the deflection; the stiffness does not matter."""
+    arm, measured = fh.load_robot("quanser-rotflex"), ("motor_position", signal)
+    clock = 2e-3 * np.arange(4000)
+    volts = 2.0 * np.sin(4.0 * clock) + np.sin(29.0 * clock)
+    times, u, y = recorded(arm.plant(measured), volts, 2e-3)
+    log = fh.Log(times, u, y, names=NAMES | {"output": measured})
+    robot = arm.with_values({"stiffness": 2.0 * arm.nominal["stiffness"]})
+    assert above_note(fh.examine(log, robot, model=False)) == []
+    (found,) = above_note(fh.examine(replace(log, outputs=y * [1.0, -1.0]), robot, model=False))
+    assert (found.kind, found.signal) == ("sign", signal)
+    assert f'`--column "{signal}={signal} [-1]"`' in found.advice
+
+
 @pytest.mark.ci("identifies a log with dry friction")
 def test_friction_that_the_file_lacks_is_no_fault_of_the_log() -> None:
     robot = ARM.with_parameters(fh.Parameter("coulomb_friction", 1.6, unit="N·m"))
     times = 2e-3 * np.arange(1500)
-    from tests.logs import recorded
-
     volts = 8.0 * (np.sin(3.0 * times) + 0.6 * np.sin(11.0 * times) + 0.4 * np.sin(23.0 * times))
     t, u, y = recorded(robot.plant(MEASURED, extras="coulomb_friction"), volts, 2e-3)
     found = fh.examine(fh.Log(t, u, y, names=NAMES), ARM)

@@ -86,7 +86,9 @@ class Description:
             for link in fault.parts:
                 moment = float(f"{ball_inertia(arm.mass_of(link)):.4g}")
                 self.inertias[link] = (moment, 0.0, 0.0, moment, 0.0, moment)
-            self.changes.append(f"no inertia of {_listed(fault.parts)} is stated: that of a plastic ball is taken")
+            self.changes.append(
+                f"no inertia of {_listed(fault.parts)} is stated: that of a plastic ball is taken"
+            )
         elif fault.kind in (NO_MASS, NO_ROOM, NO_KIND) and len(self.joints) > len(fault.parts):
             still = [name for name in fault.parts if name in self.joints]
             refuse_if(not still, fault.what, fault.found, fault.advice)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 
 from flexhinf.findings import above_note, ordered
-from flexhinf.identification.doctor import scales, times
+from flexhinf.identification.doctor import scales, springs, times
 from flexhinf.identification.doctor.beside_model import beside_model
 from flexhinf.identification.doctor.finding import LogFinding
 from flexhinf.identification.doctor.record import LogRecord
@@ -22,6 +22,7 @@ CHECKS: tuple[Callable[[LogRecord], Iterator[LogFinding]], ...] = (
     scales.inputs,
     scales.ratios,
     scales.speeds,
+    springs.against_links,
     times.gaps,
     times.arrival_or_drops,
 )
