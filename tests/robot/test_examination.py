@@ -11,6 +11,7 @@ from benchmarks.drives import SLOWER
 
 from flexhinf import load_robot
 from flexhinf.robot.drive_text import LOOPS
+from flexhinf.robot.estimates import estimated_joints
 from flexhinf.robot.examination import examine_robot, joint_facts
 from flexhinf.robot.init_file import description_of, robot_file_text
 from flexhinf.robot.parts import RobotFileWarning
@@ -260,6 +261,21 @@ def test_one_torque_for_all_joints_that_none_needs_is_no_motors(tmp_path: Path) 
         shoulder, elbow = joint_facts(load_robot(begun(path)))
         assert shoulder.effort == elbow.effort
         assert shoulder.effort == effort if own else needed < shoulder.effort < 5.0 * needed
+
+
+@pytest.mark.parametrize(("others", "own"), [(40.0, True), (4.0, False)])
+def test_a_wrist_that_needs_next_to_nothing_has_a_torque_as_large_as_others(
+    others: float, own: bool, tmp_path: Path
+) -> None:
+    """The last axis of an arm without a tool; a torque far beyond those that joints need is a placeholder."""
+    small = '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>'
+    limit = f'<limit lower="-1" upper="2" effort="{others}" velocity="3"/>'
+    wrist = joint("wrist", "upper", "hand").replace("0 1 0", "0 0 1")
+    path = written(
+        tmp_path, link("upper"), link("hand", small), joint("shoulder", "base", "upper", limit), wrist
+    )
+    guess = estimated_joints(description_of(path).arm())
+    assert [each.stated for each in guess.values()] == [True, own]
 
 
 def test_one_torque_for_all_joints_that_does_not_hold_them_is_no_motors(tmp_path: Path) -> None:

@@ -36,7 +36,8 @@ LOST = 0.1
 #: Tolerances of the estimates, per cent.
 STIFFNESS_TOLERANCE, INERTIA_TOLERANCE, FRICTION_TOLERANCE = 50.0, 50.0, 80.0
 
-#: A stated torque of more than this times what weight and inertia ask for is no motor's, but a placeholder.
+#: A stated torque of more than this times what weight and inertia ask for is no motor's, but a placeholder, where no
+#: other joint with as large a one needs it: a wrist without a tool needs next to nothing.
 PLACEHOLDER = 1e5
 
 #: One torque of all joints, of which none asks for more than this share, is a placeholder too.
@@ -67,9 +68,10 @@ def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     """Estimates for the joints of an arm, by their names."""
     weights = largest_weight(arm)
     equal, small = has_placeholder_effort(arm, weights), len(weak_joints(arm)) > 0
+    plausible = [e for e, weight in zip(arm.efforts, weights.tolist()) if e <= PLACEHOLDER * weight]
     joints = {}
     for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, weights.tolist()):
-        known = bool(effort <= PLACEHOLDER * weight) and not equal and not small
+        known = effort <= max(plausible, default=0.0) and not equal and not small
         needed = weights.max() if equal else weight
         joints[joint.name] = estimated_joint(effort if known else 2.0 * needed, known, speed, joint.slides)
     return joints
