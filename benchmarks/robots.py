@@ -176,6 +176,9 @@ def _with_bodies(root: Element, arm: RigidArm) -> str:
     if WORLD not in links and any(parent.get("link") == WORLD for parent in whole.iter("parent")):
         whole.insert(0, Element("link", {"name": WORLD}))
     for name, link in links.items():
+        inertial = link.find("inertial")
+        if inertial is not None and inertial.find("inertia") is None and name in arm.inertias:
+            inertial.append(Element("inertia"))
         for six in link.findall("inertial/inertia"):
             numbers = [_number(six.get(f"i{axes}")) for axes in INERTIA]
             stated = arm.inertias.get(str(name))
