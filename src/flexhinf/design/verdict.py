@@ -27,7 +27,7 @@ def display_unit(unit: str, limit: float, degrees: bool = False) -> tuple[str, f
     these, else small angles in mrad; small lengths in mm."""
     if degrees and unit == "rad":
         return "°", 180.0 / math.pi
-    return (f"m{unit}", 1e3) if unit in ("rad", "m") and 0.0 < limit < SMALL else (unit, 1.0)
+    return (f"m{unit}", 1e3) if unit in ("rad", "m") and 0.0 <= limit < SMALL else (unit, 1.0)
 
 
 def result_row(line: Any) -> dict[str, Any]:

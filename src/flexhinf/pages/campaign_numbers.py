@@ -83,10 +83,12 @@ def setting_rows(judged: CampaignJudgement) -> Iterator[tuple[str, object, str]]
                 next((k for k in UNITS if each.startswith(k)), "")
                 for each in settings["measured"].split(", ")
             ]
-            slides = dict.fromkeys(table.unit(each) == "m" for each in table.names("trace"))
+            goals = [each for each in table.names("parameter") if each.startswith("goal_")]
+            slides = dict.fromkeys(table.unit(each) == "m" for each in table.names("trace") or goals)
             yield name, value, ", ".join(dict.fromkeys(UNITS[k][s] for k in kinds if k for s in slides))
         else:
             text = ", ".join(re.findall(r"'([^']*)'", value)) if value.startswith("['") else value
+            text = re.sub(r" 1(?= ±|$)", "", text) if "robot " in name else text  # the unit of a ratio
             yield name, text, "s" if name in ("duration", "period") else ""
 
 

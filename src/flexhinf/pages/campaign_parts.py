@@ -29,13 +29,13 @@ from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
 from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.campaign_numbers import (
-    display_scale,
     in_degrees,
     interval_text,
     limit_text,
     metric_text,
     own_value_text,
     percent_text,
+    readable,
     setting_rows,
     value_text,
 )
@@ -377,7 +377,10 @@ def pair_designs(result: DesignPair) -> list[str]:
 
 def _in_page_units(result: DesignPair, metric: PairedMetric) -> PairedMetric:
     """The metric in the unit of the design's pages."""
-    factor, unit = display_scale(metric.unit, in_degrees(result.judged[0]))
+    sizes = np.abs([*metric.a, *metric.b])
+    largest = float(sizes[np.isfinite(sizes)].max(initial=0.0))
+    scaled, unit = readable(largest, metric.unit, in_degrees(result.judged[0]))
+    factor = scaled / largest if largest else 1.0
     return (
         metric
         if unit == metric.unit

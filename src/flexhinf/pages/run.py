@@ -182,8 +182,8 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     effort = named(units.text(response.peak.value, units.effort, response.peak.joint), response.peak.joint)
     if prepared.plan is not None:
         worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
-        error = units.text(units.factor_of(units.scale, worst.joint) * worst.value, units.angle, worst.joint)
-        found = f"was followed within {named(error, worst.joint)} and needed at most {effort}"
+        error = named(units.small_text(worst.value, 3, worst.joint), worst.joint)
+        found = f"was followed within {error} and needed at most {effort}"
         return f"{text} The move from {ends} {found}."
     settling, overshoot = response.settling, response.overshoot
     settled = (

@@ -464,7 +464,8 @@ class Table(Anchored):
             names = k == there[0] and not any(
                 isinstance(line, str) or len(line[k][0]) > NAME for line in lines
             )
-            whole = wide or right or names
+            longest = max((len(line[k][0]) for line in lines if not isinstance(line, str)), default=0)
+            whole = wide or names or (right and longest <= VALUE)
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
         for line in lines:
             if isinstance(line, str):
@@ -478,6 +479,9 @@ class Table(Anchored):
 
 #: Names in the first column of a table without titles stay whole in a terminal if they are no longer than this.
 NAME = 16
+
+#: So do values at the right, which else would leave the other columns no room: names of joints may be long.
+VALUE = 32
 
 
 # Settings and where a page comes from ----------------------------------------------------------------

@@ -236,7 +236,7 @@ def test_what_a_notebook_shows(run, made):
     figure = run.plot()
     assert figure._repr_svg_().startswith("<?xml")
     assert figure._repr_html_().startswith("<svg")
-    assert [axes.get_ylabel() for axes in figure.axes] == ["states in °", "inputs in V"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["states (°)", "inputs (V)"]
     html = run._repr_html_()
     assert "<table" in html
     assert "<svg" in html

@@ -45,7 +45,7 @@ def plot_run(run: Any) -> NotebookFigure:
                 above.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="_" if k else "command")
         for name, unit, u in zip(run.names["input"], run.units["input"], run.signals["input"].T):
             below.plot(run.time, u, f"C{run.names['input'].index(name)}", label=_label(name, unit))
-        below.set_xlabel("time in s")
+        below.set_xlabel("time (s)")
         units = [_display_unit(run, name)[1] for name in names]
         for axes, several, what in ((above, units, "states"), (below, run.units["input"], "inputs")):
             axes.set_ylabel(_label(what, ", ".join(dict.fromkeys(unit for unit in several if unit))))
@@ -61,4 +61,4 @@ def _display_unit(run: Any, name: str) -> tuple[float, str]:
 
 def _label(name: str, unit: str) -> str:
     text = name.replace("_", " ")
-    return f"{text} in {unit}" if unit else text
+    return f"{text} ({unit})" if unit else text

@@ -82,7 +82,8 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
             f"{units.text(later, units.effort, second)}. Let the estimator run before the law takes over."
         )
     yield from (lambda: _step_figure(e, units), lambda: arm_of(e))
-    error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
+    small, scale = units.small
+    error = Column("steady-state error", small, key="steady_state_error", scale=scale)
     peak, last = Column("peak input", units.effort, key="peak_input"), float(e.step.run.time[-1])
     yield joint_table(
         units,
