@@ -11,7 +11,7 @@ from benchmarks.drives import SLOWER
 
 from flexhinf import load_robot
 from flexhinf.robot.drive_text import LOOPS
-from flexhinf.robot.estimates import estimated_joints
+from flexhinf.robot.estimates import LOST, SPEED, estimated_joints
 from flexhinf.robot.examination import examine_robot, joint_facts
 from flexhinf.robot.init_file import description_of, robot_file_text
 from flexhinf.robot.parts import RobotFileWarning
@@ -243,6 +243,19 @@ def test_the_nearest_inertia_is_that_of_a_body_and_no_other_is_nearer() -> None:
                 moments(near) + 0.1 * (step := rng.normal(size=(3, 3))) @ step.T
             )  # another body's, near to it
             assert np.linalg.norm(points - moments(wrong)) >= distance - 1e-12
+
+
+@pytest.mark.parametrize(("velocity", "doubted"), [("3", False), ("1000", True)])
+def test_a_speed_that_no_joint_reaches_is_doubted_and_makes_no_friction(
+    tmp_path: Path, velocity: str, doubted: bool
+) -> None:
+    limit = f'<limit lower="-1" upper="2" effort="40" velocity="{velocity}"/>'
+    path = written(tmp_path, link("upper"), joint("shoulder", "base", "upper", limit))
+    found = [finding for finding in examine_robot(path).findings if velocity in finding.numbers]
+    assert [finding.place for finding in found] == ["shoulder"] * doubted
+    robot = load_robot(begun(path))
+    speed = SPEED[0] if doubted else float(velocity)
+    assert robot.nominal["friction"] == pytest.approx(LOST * 40.0 / speed, rel=1e-2)
 
 
 def test_one_torque_for_all_joints_that_none_needs_is_no_motors(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ They rest on few published arms, and are wide. A parameter whose source begins w
   (0.6057, 0.4625 and 0.2055 kg·m² at 87, 87 and 12 N·m, of Drake's model of it), of DLR's LWR II 27 to 96 (1.836,
   4.447, 3.242, 1.817, 1.392, 1.402 and 1.392 kg·m²; Ott, "Cartesian Impedance Control of Redundant and Flexible-Joint
   Robots", Springer 2008, Table A.2, at 176, 176, 100, 100, 100, 38 and 38 N·m). A sliding joint has 50 m/s².
-- **Friction.** A tenth of the largest torque at the largest speed, 2 rad/s or 0.5 m/s where none is stated.
+- **Friction.** A tenth of the largest torque at the largest speed, 2 rad/s or 0.5 m/s where none is stated, or a
+  placeholder.
 - **Torque.** Where none is stated, or a placeholder, twice what the heaviest pose asks for, and 5 rad/s² (m/s²) of the
   joint's inertia. Where all joints state one torque of which none asks for a thirtieth, the motors are equal, but that
   number is none of theirs: twice what the joint that needs most asks for. Where they state one that holds less than
@@ -39,6 +40,9 @@ STIFFNESS_TOLERANCE, INERTIA_TOLERANCE, FRICTION_TOLERANCE = 50.0, 50.0, 80.0
 #: A stated torque of more than this times what weight and inertia ask for is no motor's, but a placeholder, where no
 #: other joint with as large a one needs it: a wrist without a tool needs next to nothing.
 PLACEHOLDER = 1e5
+
+#: A stated speed of more than this, rad/s or m/s, is no joint's, but a placeholder.
+FASTEST = 100.0
 
 #: One torque of all joints, of which none asks for more than this share, is a placeholder too.
 SMALLEST_SHARE = 1.0 / 30.0
@@ -97,7 +101,7 @@ def weak_joints(arm: RigidArm) -> list[str]:
 def estimated_joint(effort: float, stated: bool, speed: float, slides: bool) -> EstimatedJoint:
     """Estimates for one joint of a largest torque, N·m (N), and speed, rad/s (m/s; infinite where none is stated)."""
     twist, acceleration = TWIST[slides], ACCELERATION[slides]
-    most = speed if np.isfinite(speed) else SPEED[slides]
+    most = speed if speed <= FASTEST else SPEED[slides]
     of = "the largest torque" if not slides else "the largest force"
 
     def number(name: str, value: float, tolerance: float, why: str) -> Parameter:

@@ -16,7 +16,7 @@ from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import DRIVES, DRY, EXTRAS, INNER, stated_curve, torque_per_input
-from flexhinf.robot.estimates import has_placeholder_effort, largest_weight, weak_joints
+from flexhinf.robot.estimates import FASTEST, has_placeholder_effort, largest_weight, weak_joints
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import branches_text, description_of
@@ -146,7 +146,7 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
         return
     if faults:
         result.add(
-            "note", "A robot file gets round these faults.", advice=f"flexhinf init {shlex.quote(path.name)}"
+            "note", "A robot file gets round these faults.", advice=f"flexhinf init {shlex.quote(str(path))}"
         )
     if branches := branches_text(arm, path):
         result.add("note", f"{branches}.")
@@ -186,6 +186,16 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             numbers=f"expected those of each link, got {mass:g} kg and {most:g} kg·m², {len(arm.links)} times",
             advice="masses, centres of mass and inertias of CAD, or of another file of this robot",
         )
+    fast = {joint.name: speed for joint, speed in zip(arm.joints, arm.speeds) if FASTEST < speed < math.inf}
+    if fast:
+        result.add(
+            "doubt",
+            "Joints state a speed that no joint reaches.",
+            place=", ".join(fast),
+            count=len(fast),
+            numbers=f"expected <limit velocity> of a data sheet, got {max(fast.values()):g}",
+            advice="speed_limit in [[joint]] of the robot file",
+        )
     free = [joint.name for joint in arm.joints if joint.limits is None]
     if free:
         result.add("note", "Joints without limits.", place=", ".join(free), count=len(free))
@@ -205,7 +215,7 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
         "No file of links states springs: stiffness, motor inertia and friction of each joint are missing.",
         place=", ".join(joint.name for joint in arm.joints),
         count=len(arm.joints),
-        advice=f"flexhinf init {shlex.quote(path.name)}, which estimates them, then numbers of data sheets or "
+        advice=f"flexhinf init {shlex.quote(str(path))}, which estimates them, then numbers of data sheets or "
         "`flexhinf identify`",
     )
 

@@ -133,7 +133,7 @@ def test_the_plot(run, tmp_path):
     assert [unnamed(name, word) for name, word in zip(named, ("link position", "estimated", "command"))] == [
         []
     ] * 3
-    assert named[0].endswith(" °")
+    assert named[0].endswith("(°)")
     np.testing.assert_allclose(above.lines[0].get_ydata(), np.degrees(run.signal("state", "link_position")))
     (named,) = [line.get_label() for line in below.lines]
     assert unnamed(named, "motor voltage", "V") == []
