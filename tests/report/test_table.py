@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from io import StringIO
 
 import numpy as np
+from rich.console import Console
 from tests.refusals import refused_with
 
 from flexhinf import report
@@ -60,3 +62,15 @@ def test_a_stacked_row_repeats_what_each_cell_is() -> None:
     assert '<td>fast</td><td class="number" data-label="settling time" data-unit=" s">1.5' in html
     assert re.findall(r'data-label="overshoot"(.*?)</td>', html) == [">–", ' data-unit="°">3.500']
     assert "data-label" not in report.Table(("claim", "s"), [("fast", 1.5)]).html()
+
+
+def test_a_long_value_takes_several_lines_and_leaves_the_names_their_room_in_a_terminal() -> None:
+    name, joint = "largest deviation", "a_joint_of_a_file_with_long_names"
+    table = report.Table(
+        ("what", report.Column("achieved", right=True)), ["group", (name, f"0.392 rad ({joint}, at 0.683 s)")]
+    )
+    console = Console(width=60, file=StringIO())
+    console.print(table.terminal())
+    lines = console.file.getvalue().splitlines()
+    assert any(name in line for line in lines)
+    assert any(joint in line for line in lines)

@@ -309,7 +309,7 @@ def requirements_with_margins(design: WorkspaceEvidence) -> list[Requirement]:
         return list(design.requirements)
     t = design.robustness
     known = {
-        "gain_margin": f"{margin_text(min(t.louder, 1.0 / t.softer), LOUDEST)} tolerated",
+        "gain_margin": f"gain of {margin_text(min(t.louder, 1.0 / t.softer), LOUDEST)} tolerated",
         "delay_margin": f"{margin_text(t.delay, LATEST)} samples tolerated",
     }
     return [replace(line, detail=known.get(line.field, line.detail)) for line in design.requirements]
