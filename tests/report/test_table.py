@@ -74,3 +74,5 @@ def test_a_long_value_takes_several_lines_and_leaves_the_names_their_room_in_a_t
     lines = console.file.getvalue().splitlines()
     assert any(name in line for line in lines)
     assert any(joint in line for line in lines)
+    (cell,) = [text for text in cells(table) if joint in text]
+    assert f'long">{cell}' in table.html()

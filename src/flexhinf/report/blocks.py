@@ -395,10 +395,19 @@ class Table(Anchored):
             for row in self.rows
         ]
 
+    @cached_property
+    def _longest(self) -> list[int]:
+        """Letters of the longest cell of each column."""
+        rows = [line for line in self._written[1] if not isinstance(line, str)]
+        return [max((len(line[k][0]) for line in rows), default=0) for k in range(len(self.heads))]
+
     def html(self) -> str:
         """The table as HTML, in a frame that scrolls sideways on a narrow screen, or with rows that stack."""
         numeric, lines = self._written
-        css = [' class="number"' if right else "" for right in numeric]
+        css = [
+            "" if not right else ' class="number long"' if longest > VALUE else ' class="number"'
+            for right, longest in zip(numeric, self._longest)
+        ]
         head = "".join(
             f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
             if column.name
@@ -464,8 +473,7 @@ class Table(Anchored):
             names = k == there[0] and not any(
                 isinstance(line, str) or len(line[k][0]) > NAME for line in lines
             )
-            longest = max((len(line[k][0]) for line in lines if not isinstance(line, str)), default=0)
-            whole = wide or names or (right and longest <= VALUE)
+            whole = wide or names or (right and self._longest[k] <= VALUE)
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
         for line in lines:
             if isinstance(line, str):

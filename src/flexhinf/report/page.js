@@ -71,6 +71,18 @@
   addEventListener("resize", scrollers);
   scrollers();
 
+  // The name of an option stays in one line.
+  const walk = document.createTreeWalker(document.querySelector("main"), NodeFilter.SHOW_TEXT), texts = [];
+  while (walk.nextNode()) if (/--[a-z]/.test(walk.currentNode.data)) texts.push(walk.currentNode);
+  for (const text of texts.filter((each) => !each.parentElement.closest("svg, script, style"))) {
+    text.replaceWith(...text.data.split(/(--[a-z][a-z-]*)/).map((part, k) => {
+      const piece = document.createElement("span");
+      piece.textContent = part;
+      if (k % 2) piece.className = "option";
+      return piece;
+    }));
+  }
+
   // A film: lines that move over a drawing, by a button or a slider. It lasts two seconds or longer.
   for (const figure of all("figure[data-film]")) {
     const { seconds, lines } = JSON.parse(figure.dataset.film), last = seconds.length - 1, whole = seconds[last] - seconds[0];
