@@ -114,9 +114,9 @@ def _single(comparison: WorkspaceComparison) -> str:
             continue
         share, row, line = min(lines, key=lambda one: one[0])
         if share < (1.0 - EQUAL) * mine.found / mine.limit:
-            other = "" if row.met else ", which misses another requirement"
+            other = "" if row.met else ", which misses a requirement,"
             theirs, own = (each.converted(_degrees(comparison)).achieved_text for each in (line, mine))
-            parts.append(f"{row.name} has the smallest {what} ({theirs} against {own}{other})")
+            parts.append(f"{row.name}{other} has the smallest {what} ({theirs} against {own})")
     return f"In single numbers rivals are better: {'; '.join(parts)}." if parts else ""
 
 
