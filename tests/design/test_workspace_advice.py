@@ -197,6 +197,34 @@ def test_other_limits_are_tried_first_and_named_where_nothing_cheaper_meets_all(
     assert found.left == ()
 
 
+@pytest.mark.parametrize(
+    ("limit", "order"),
+    [
+        ("gain_margin", ["measurement_noise", "gain_margin", "period"]),
+        ("ripple", ["ripple", "measurement_noise", "period"]),
+    ],
+)
+def test_margins_which_are_sought_follow_finer_sensors(
+    robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, limit: str, order: list[str]
+) -> None:
+    """A search for margins may take all of the time in which finer sensors would have met all."""
+    lines = [missed("corners", 2.0, field="gain_margin")]
+    design, tried = fake(robot_of("planar-two-link"), lines), []
+    room = advice.Change("a limit", {limit: "1.5"})
+    monkeypatch.setattr(advice, "limit_change", lambda made, margins=True: room if made is design else None)
+
+    def designed(robot: Any, s: Any, progress: Any, watch: Any, like: Any, changed: Any) -> Any:
+        tried.append(*changed)
+        missing = [] if limit in changed else lines
+        return SimpleNamespace(requirements=missing, missed=missing)
+
+    monkeypatch.setattr(advice, "design_workspace", designed)
+    found = advise(design, 1e3).found
+    assert tried == order
+    assert found is not None
+    assert [*found.change.fields] == [limit]
+
+
 def test_limits_that_the_design_keeps_are_judged_to_their_end(
     robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -186,8 +186,12 @@ def advise(
     watch, finish = partial(watch_until, end), partial(watch_until, end + BEYOND * seconds)
 
     room = next((each for each in waiting if each.is_limit), None)
-    # With other limits law and moves are mostly those of a design that is there, so these are tried at once.
-    left = sorted(waiting, key=lambda each: each is not room)
+    # With other limits law and moves are mostly those of a design that is there, so these are tried at once. Margins
+    # are searched for, which may take longer than a design with finer sensors, so that goes before them.
+    sought = room is not None and bool({*room.fields} & {*MARGINS})
+    left = sorted(
+        waiting, key=lambda each: each is not room and not (sought and "measurement_noise" in each.fields)
+    )
     kept: Trial | None = None  # named where nothing meets all that costs less
     while left and cpu_seconds() <= end:
         change = left[0]
@@ -196,7 +200,7 @@ def advise(
             break
         del left[0]
         if room is not None and change is room and trial.met:
-            kept, left = trial, waiting[: waiting.index(room)]
+            kept, left = trial, [each for each in left if each in waiting[: waiting.index(room)]]
             continue
         trials.append(trial)
         if trial.met:
