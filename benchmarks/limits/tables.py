@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -180,11 +181,12 @@ def short(folder: Path) -> str:
     every = {name: kept(folder, name) for name in ARMS}
     lines = [*_head(("what", "where"))]
     for what, found in (
-        ("PD goes less far beyond", _less_far), ("PD follows more exactly", _more_exactly),
-        ("PD arrives more often", _more_often),
+        ("PD goes less far beyond, by 2 mrad or more", _less_far), ("PD follows more exactly", _more_exactly),
+        ("PD arrives more often", _more_often), ("PD's worst goal is nearer", _nearer),
     ):  # fmt: skip
         where = [text for name, rows in every.items() for text in found(name, rows)]
         lines.append(_cells([what, _listed(where, "in no row")]))
+    lines.append(_cells(["PD is back sooner", _sooner([*every.values()])]))
     verdicts = [
         (f"{name}, {about.title}", judged(rows[trial]))
         for name, rows in every.items()
@@ -235,6 +237,29 @@ def _more_often(name: str, rows: dict[str, Any]) -> list[str]:
     most = rows["design"]["limits"]["remaining error"]
     own, pd = (sum(error <= most for error in runs[law]["remaining error"]) for law in (PRODUCT, "pd"))
     return [f"{name} ({pd} moves, flexhinf {own})"] if pd > own else []
+
+
+def _nearer(name: str, rows: dict[str, Any]) -> list[str]:
+    """The arm, where the worst that remains of PD's moves is smaller."""
+    if not {*(runs := rows.get(MET, {}))} >= BOTH or runs["pd"]["lost"]:
+        return []
+    own, pd = (max(runs[law]["remaining error"], default=None) for law in (PRODUCT, "pd"))
+    return [f"{name} ({_against(pd, own)})"] if pd is not None and (own is None or pd < own) else []
+
+
+def _sooner(every: Sequence[dict[str, Any]]) -> str:
+    """In how many rows all joints of PD are back sooner, and in which trial most often."""
+    both = {trial: [rows[trial] for rows in every if {*rows.get(trial, {})} >= BOTH] for trial in TRIALS}
+    won = {trial: sum(_back(row["pd"]) < _back(row[PRODUCT]) for row in rows) for trial, rows in both.items()}
+    counted = f"{sum(won.values())} of {sum(map(len, both.values()))} rows"
+    most = max(won, key=lambda trial: won[trial])
+    return counted + f", most often: {TRIALS[most].title} ({won[most]} of {len(both[most])})" * bool(
+        won[most]
+    )
+
+
+def _back(row: dict[str, Any]) -> float:
+    return math.inf if row["back"] is None else row["back"]
 
 
 def _against(pd: float, own: float | None) -> str:

@@ -373,14 +373,24 @@ def test_where_a_pd_is_better_is_said(tmp_path: Path) -> None:
     followed = {"nominal": {"peak": 2e-3, "rms": 1e-3}, "corners": {"peak": 3e-3, "rms": 1e-3}}
     exact = followed | {"nominal": {"peak": 1e-3, "rms": 1e-4}}
     rows = {
-        "stop": {"flexhinf": own, "pd": own | {"beyond": 0.03}},
+        "stop": {"flexhinf": own | {"back": None}, "pd": own | {"beyond": 0.03}},
+        "late": {"flexhinf": own, "pd": own},
         "eight": {"flexhinf": followed, "pd": exact},
+        "design": {"met": True, "limits": {"remaining error": 5e-3}},
+        "met": {
+            law: {"moves": 2, "run": 2, "lost": 0, "remaining error": [1e-3, worst]}
+            for law, worst in (("flexhinf", 4e-3), ("pd", 3e-3))
+        },
     }
     (tmp_path / "scara.json").write_text(json.dumps(rows), encoding="utf-8")
-    far, followed_by, _, rule, _ = TABLES["short"](tmp_path).splitlines()[2:]
-    assert re.findall(r"\d+", far) == ["0", "5", "30", "50"]
+    far, followed_by, oftener, nearer, sooner, rule, _ = TABLES["short"](tmp_path).splitlines()[2:]
+    assert re.findall(r"\d+", far) == ["2", "0", "5", "30", "50"]
+    assert not re.findall(r"\d+", oftener)
+    assert re.findall(r"\d+", nearer) == ["3", "4"]
+    assert re.findall(r"\d+", sooner)[:2] == ["1", "2"]
+    assert re.findall(r"\d+", sooner)[-2:] == ["1", "1"]
     assert re.findall(r"\d+", followed_by) == ["1", "2"]
-    assert re.findall(r"\d+", rule)[:2] == ["0", "1"]
+    assert re.findall(r"\d+", rule)[:2] == ["1", "2"]
 
 
 def test_no_kept_row_that_is_met_has_a_move_beyond_unsaid(repository: Path) -> None:
