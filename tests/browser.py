@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -67,6 +68,11 @@ def keep(page: Any, name: str, **options: Any) -> None:
     """Take a screenshot for somebody who looks at it; `options` are Playwright's."""
     if place := os.environ.get(SCREENSHOTS):
         page.screenshot(path=Path(place) / f"{name}.png", **options)
+
+
+def sheets(page: Any) -> int:
+    """How many sheets of paper a page takes, of Chromium's own size."""
+    return len(re.findall(rb"/Type\s*/Page\b", page.pdf(prefer_css_page_size=True)))
 
 
 def serious(page: Any, **options: Any) -> list[str]:

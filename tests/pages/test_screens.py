@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.browser import WINDOWS, keep, opened, serious
+from tests.browser import WINDOWS, keep, opened, serious, sheets
 from tests.report.test_browser import LEGIBLE, LETTERS, UNFOLD
 
 import flexhinf as fh
@@ -114,7 +114,7 @@ def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, page_of: Any,
 
 @pytest.mark.parametrize("kind", cases(KINDS))
 def test_pages_have_no_serious_problem_and_legible_letters(browser: Any, page_of: Any, kind: str) -> None:
-    """Problems are looked for in the narrowest window, light, and in the widest, dark."""
+    """Problems are looked for in the narrowest window, light, and in the widest, dark. Paper takes one sheet."""
     file = page_of(kind)
     for width in WINDOWS:
         with opened(browser, file, width) as page:
@@ -122,6 +122,8 @@ def test_pages_have_no_serious_problem_and_legible_letters(browser: Any, page_of
                 page.emulate_media(color_scheme=scheme)
                 keep(page, f"{kind}-{width}-{scheme}")
             assert page.evaluate("document.documentElement.scrollWidth") <= width
+            if width == 1280:
+                assert sheets(page) == 1
             page.evaluate(UNFOLD)
             if width != 1280:
                 page.emulate_media(color_scheme="light" if width < 1280 else "dark")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.browser import WINDOWS, opened
+from tests.browser import WINDOWS, opened, sheets
 from tests.report.conftest import sample_page
 
 import flexhinf as fh
@@ -119,9 +118,6 @@ def test_all_folds_open_and_close_together(browser: Any, file: Path) -> None:
 
 
 def test_paper_has_one_page_or_the_whole_report(browser: Any, file: Path) -> None:
-    def sheets(page: Any) -> int:
-        return len(re.findall(rb"/Type\s*/Page\b", page.pdf(prefer_css_page_size=True)))
-
     with opened(browser, file) as page:
         assert sheets(page) == 1
         page.click("nav .folds")
