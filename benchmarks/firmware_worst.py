@@ -69,11 +69,16 @@ def steps(folder: Path, name: str) -> Iterator[dict[str, int]]:
     # valgrind 3.19 loses the sign of a zero in a fused multiply-add, so a test may fail there; it goes on
     subprocess.run(["valgrind", *options, f"./{name}"], cwd=folder, capture_output=True, check=False)
     for file in out.iterdir():
-        counts = dict[str, int]()
-        for place, count in COUNT.findall(CALLED.sub("", file.read_text(encoding="utf-8"))):
-            counts[place] = counts.get(place, 0) + int(count)
+        yield counts_in(file.read_text(encoding="utf-8"))
         file.unlink()
-        yield counts
+
+
+def counts_in(text: str) -> dict[str, int]:
+    """How often each instruction ran, by its address, of one file of callgrind."""
+    counts = dict[str, int]()
+    for place, count in COUNT.findall(CALLED.sub("", text)):
+        counts[place] = counts.get(place, 0) + int(count)
+    return counts
 
 
 def in_functions(folder: Path, name: str, counts: Mapping[str, int]) -> Iterator[tuple[tuple[str, int], int]]:

@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from benchmarks import firmware_peers
+from benchmarks import firmware_peers, firmware_worst
 from benchmarks.firmware import CLOCK, KEPT, RATE, ROWS, cost_of, key, measure, table
 from benchmarks.firmware_trajectories import ACCELERATION, VELOCITY, planned
 from benchmarks.record import kept_rows
@@ -27,6 +27,19 @@ def test_one_link_fits_a_microcontroller() -> None:
     assert row["cycles"] < period / 6
     assert row["cycles"] + 5 * row["most"] < 0.6 * period  # with five cycles of waiting for each instruction
     assert f"{row['cycles']:,}" in table(kept_rows(KEPT))
+
+
+def test_the_bound_holds_for_the_longest_steps() -> None:
+    rows = kept_rows(firmware_worst.KEPT)
+    assert rows
+    for row in rows:
+        assert row["vector"] < row["rehearsal"] < row["bound"] < 2.0 * row["rehearsal"]
+        assert f"{row['bound']:,}" in firmware_worst.table(rows)
+
+
+def test_what_a_call_costs_is_no_instruction_of_the_caller() -> None:
+    text = "fn=step\n0x10 2\ncalls=2 0x40\n0x12 90\n0x14 1\nfn=inner\n0x40 45\nfe=step\n0x14 1\n"
+    assert firmware_worst.counts_in(text) == {"0x10": 2, "0x14": 2, "0x40": 45}
 
 
 @pytest.mark.parametrize(("way", "duration"), [(0.25, 1.0), (2.0, 3.0)])

@@ -343,7 +343,7 @@ def test_neighbouring_columns_that_count_as_zero_are_zero_below_the_diagonal(m, 
         np.testing.assert_allclose(found, expected, rtol=1e-9 if first else 0.0)
         if compiled is not None:
             np.testing.assert_array_equal(compiled(table), one[:, 0])
-    for lanes in (1, 3, 8, 16):
+    for lanes in (1, 3, 16):
         y = np.empty((m * k, lanes))
         assert (
             compile_program(reflected(m, k, count), lanes).run({"a": numbers[:lanes].T.copy(), "y": y}).fine
