@@ -39,6 +39,7 @@ from typing import Any
 import flexhinf as fh
 from benchmarks import firmware_peers, firmware_tests, firmware_trajectories, firmware_worst
 from benchmarks.firmware_peers import PROGRAMS, Peer, kilobytes
+from benchmarks.firmware_tools import PC, run
 from benchmarks.record import keep_rows, kept_rows
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c
@@ -47,7 +48,6 @@ from flexhinf.robot.workspace import workspace_of
 
 KEPT = Path(__file__).resolve().with_suffix(".json")
 
-PC = ("-std=c99", "-O3", "-march=x86-64-v3")
 CORTEX_M = "-O2"
 LEFT_OUT = ("-DARM_WITHOUT_REST", "-DARM_WITHOUT_CHECK")
 LEVELS = ("-Os", "-O1", "-O2", "-O3")
@@ -151,13 +151,6 @@ def controller(links: int | str) -> fh.Controller:
         done = subprocess.run(words, cwd=work, capture_output=True, text=True, check=False)
         assert done.returncode in (0, 1), done.stderr  # 1: a report that misses a requirement
         return fh.load_controller(Path(work) / "arm" / "controller")
-
-
-def run(*words: object, folder: Path) -> str:
-    """What a command prints; it must end well."""
-    done = subprocess.run([*map(str, words)], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{' '.join(map(str, words))}\n{done.stdout}{done.stderr}"
-    return done.stdout + done.stderr
 
 
 @cache

@@ -18,13 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
+from benchmarks.firmware_tools import PC, run
 from benchmarks.record import keep_rows, kept_rows
 from flexhinf.export import export_c
 
 KEPT = Path(__file__).resolve().with_suffix(".json")
 
-#: Limit of the inputs, V, and how it is compiled: without a loader, whose first calls would count too.
-LIMIT, FLAGS = 48.0, ("-std=c99", "-O3", "-march=x86-64-v3")
+#: Limit of the inputs, V.
+LIMIT = 48.0
 
 #: What is exported: links and type.
 ROWS = ((1, "double"), (1, "float"), (2, "double"), (2, "float"))
@@ -38,15 +39,15 @@ def measured(controller: fh.Controller, links: int, real: str) -> dict[str, Any]
     """Instructions of the longest step of the test vector and of the rehearsal, and the bound."""
     with tempfile.TemporaryDirectory() as work:
         folder = export_c(controller.fresh(saturation=LIMIT), Path(work) / "c", "arm", real)
-        run(["gcc", *FLAGS, "-S", "arm.c", "-o", "arm.s"], folder)
+        run("gcc", *PC, "-S", "arm.c", "-o", "arm.s", folder=folder)
         # of two codes of this move, the assembler takes one that valgrind 3.19 does not know
         text = (folder / "arm.s").read_text(encoding="utf-8")
         (folder / "arm.s").write_text(text.replace("\tvmovq\t%xmm", "\t{load} vmovq\t%xmm"), encoding="utf-8")
-        run(["gcc", "-c", "arm.s", "-o", "arm.o"], folder)
+        run("gcc", "-c", "arm.s", "-o", "arm.o", folder=folder)
         most, longest = dict[tuple[str, int], int](), dict[str, int]()
         for name in ("test", "contract"):
-            words = ["gcc", *FLAGS, "-static", f"arm_{name}.c", "arm.o", "-lm", "-o", name]
-            run(words, folder)
+            # without a loader, whose first calls would count too
+            run("gcc", *PC, "-static", f"arm_{name}.c", "arm.o", "-lm", "-o", name, folder=folder)
             longest[name], own = 0, dict[str, int]()
             for counts in steps(folder, name):
                 longest[name] = max(longest[name], sum(counts.values()))
@@ -83,7 +84,7 @@ def counts_in(text: str) -> dict[str, int]:
 
 def in_functions(folder: Path, name: str, counts: Mapping[str, int]) -> Iterator[tuple[tuple[str, int], int]]:
     """The counts by function and place in it: both programs have the same step, at other addresses."""
-    found = (line.split() for line in run(["nm", name], folder).splitlines())
+    found = (line.split() for line in run("nm", name, folder=folder).splitlines())
     starts = sorted(
         (int(words[0], 16), words[2]) for words in found if words[1] in "tTiWw" and len(words) == 3
     )
@@ -91,13 +92,6 @@ def in_functions(folder: Path, name: str, counts: Mapping[str, int]) -> Iterator
     for place, count in counts.items():
         start, function = starts[bisect.bisect_right(addresses, int(place, 16)) - 1]
         yield (function, int(place, 16) - start), count
-
-
-def run(words: Sequence[str], folder: Path) -> str:
-    """What a command prints; it must end well."""
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def keep(one_pose: Callable[[int], fh.Controller]) -> None:
