@@ -91,6 +91,11 @@ class RobotExamination:
         """Add a finding."""
         self.findings.append(RobotFinding(severity, what, **others))
 
+    def add_of(self, names: Sequence[str], severity: Severity, what: str, **others: Any) -> None:
+        """Add a finding of the joints or links of these names, if there are any."""
+        if names:
+            self.add(severity, what, place=", ".join(names), count=len(names), **others)
+
 
 def examine_robot(
     path: Path, elastic: str | Path | None = None, period: float | None = None
@@ -154,11 +159,10 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
         result.add("note", f"`flexhinf init` changes what the file says: {change}.")
     idle = [joint.name for joint, effort in zip(arm.joints, arm.efforts) if not np.isfinite(effort)]
     if idle:
-        result.add(
+        result.add_of(
+            idle,
             "doubt",
             "The largest torque of joints is not stated.",
-            place=", ".join(idle),
-            count=len(idle),
             numbers="expected <limit effort> greater than 0, got none, 0, −1 or a number that stands for none",
             advice="effort_limit in [[joint]] of the robot file",
         )
@@ -169,12 +173,11 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             numbers=f"expected torques of data sheets, got {arm.efforts[0]:g} for at most {weights.max():.2g}",
             advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
         )
-    elif weak := weak_joints(arm):
-        result.add(
+    else:
+        result.add_of(
+            weak_joints(arm),
             "doubt",
             "All joints state one torque, which holds less than half of their weight.",
-            place=", ".join(weak),
-            count=len(weak),
             numbers=f"expected torques of data sheets, got {arm.efforts[0]:g}",
             advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
         )
@@ -187,34 +190,25 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             advice="masses, centres of mass and inertias of CAD, or of another file of this robot",
         )
     fast = {joint.name: speed for joint, speed in zip(arm.joints, arm.speeds) if FASTEST < speed < math.inf}
-    if fast:
-        result.add(
-            "doubt",
-            "Joints state a speed that no joint reaches.",
-            place=", ".join(fast),
-            count=len(fast),
-            numbers=f"expected <limit velocity> of a data sheet, got {max(fast.values()):g}",
-            advice="speed_limit in [[joint]] of the robot file",
-        )
+    result.add_of(
+        [*fast],
+        "doubt",
+        "Joints state a speed that no joint reaches.",
+        numbers=f"expected <limit velocity> of a data sheet, got {max(fast.values(), default=0.0):g}",
+        advice="speed_limit in [[joint]] of the robot file",
+    )
     free = [joint.name for joint in arm.joints if joint.limits is None]
-    if free:
-        result.add("note", "Joints without limits.", place=", ".join(free), count=len(free))
+    result.add_of(free, "note", "Joints without limits.")
     away = [
         joint.name for joint in arm.joints if joint.limits and not joint.limits[0] <= 0.0 <= joint.limits[1]
     ]
-    if away:
-        result.add(
-            "note",
-            "Zero is outside the limits of joints.",
-            place=", ".join(away),
-            count=len(away),
-            advice="home = […] in the robot file",
-        )
-    result.add(
+    result.add_of(
+        away, "note", "Zero is outside the limits of joints.", advice="home = […] in the robot file"
+    )
+    result.add_of(
+        [joint.name for joint in arm.joints],
         "doubt",
         "No file of links states springs: stiffness, motor inertia and friction of each joint are missing.",
-        place=", ".join(joint.name for joint in arm.joints),
-        count=len(arm.joints),
         advice=f"flexhinf init {shlex.quote(str(path))}, which estimates them, then numbers of data sheets or "
         "`flexhinf identify`",
     )
