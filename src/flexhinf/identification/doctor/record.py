@@ -61,6 +61,10 @@ class LoggedSignal:
         places = (different - different[0]) / self.step
         return bool(np.abs(places - np.rint(places)).max() < OFF_GRID * max(1.0, 1e-3 * places.max()))
 
+    def filled(self, count: int) -> np.ndarray:
+        """Values (count,) in all rows of the log, straight lines between those that there are."""
+        return np.interp(np.arange(count), self.rows, self.values)
+
     @property
     def label(self) -> str:
         """The signal's name in a sentence."""

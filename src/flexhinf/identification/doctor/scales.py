@@ -191,7 +191,7 @@ def _slope(record: LogRecord, motor: LoggedSignal, link: LoggedSignal) -> float 
     for channel in (motor, link):
         if len(channel.rows) < 4:
             return None
-        filled = np.interp(np.arange(count), channel.rows, channel.values)
+        filled = channel.filled(count)
         blocks = filled[: count // width * width].reshape(-1, width).mean(axis=1)
         if np.ptp(blocks) <= max(SLOW * channel.span, CLEAR * channel.step):
             return None
@@ -210,9 +210,8 @@ def speeds(record: LogRecord) -> Iterator[LogFinding]:
         position = outputs.get(velocity.name.replace("velocity", "position", 1))
         if position is None or len(velocity.rows) < 20 or len(position.rows) < 20:
             continue
-        rows, times = np.arange(len(record.log)), record.log.times
-        rate = np.interp(rows, velocity.rows, velocity.values)
-        moved = np.interp(rows, position.rows, position.values)
+        times = record.log.times
+        rate, moved = (channel.filled(len(times)) for channel in (velocity, position))
         travelled = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(times))])
         drift = np.column_stack([np.ones(len(times)), times])
         both = np.column_stack([moved, travelled])

@@ -34,7 +34,7 @@ def against_links(record: LogRecord) -> Iterator[LogFinding]:
     width = WIDTH * float(0.0 if record.vibrations is None else record.vibrations[-1]) / record.period
     if None in places or not 1.0 <= width <= len(log) / FEWEST:
         return
-    q = np.array([_filled(record, place) for place in places if place is not None])
+    q = np.array([place.filled(len(log)) for place in places if place is not None])
     smooth, rate, acceleration = (_smooth(q, width, order) / record.period**order for order in range(3))
     needed = np.zeros(q.shape)
     needed[:] = robot.links.torques(smooth, rate, acceleration, Parameters(robot.plant_parameters()))
@@ -43,7 +43,7 @@ def against_links(record: LogRecord) -> Iterator[LogFinding]:
         own: np.ndarray = needed[
             robot.joint_names.index(channel.joint) if channel.joint in robot.joint_names else 0
         ]
-        both = np.array([own, _smooth(_filled(record, channel), width)])[:, inside]
+        both = np.array([own, _smooth(channel.filled(len(log)), width)])[:, inside]
         both = both - both.mean(axis=1, keepdims=True)
         sizes = np.sqrt((both**2).sum(axis=1))
         limit = AGAINST * float(sizes[0]) * float(sizes[1])
@@ -77,8 +77,3 @@ def _smooth(values: np.ndarray, width: float, order: int = 0) -> np.ndarray:
     turns = 2.0 * np.pi * np.fft.rfftfreq(values.shape[-1])
     weights = np.exp(-0.5 * (width * turns) ** 2) * (1j * turns) ** order
     return np.fft.irfft(np.fft.rfft(values) * weights, values.shape[-1])
-
-
-def _filled(record: LogRecord, channel: LoggedSignal) -> np.ndarray:
-    """The values (N,) of a channel in all rows."""
-    return np.interp(np.arange(len(record.log)), channel.rows, channel.values)
