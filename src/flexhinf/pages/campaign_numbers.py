@@ -133,9 +133,14 @@ def own_value_text(judged: CampaignJudgement, name: str, value: float) -> str:
 
 def column_scale(judged: CampaignJudgement, name: str) -> tuple[float, str]:
     """Factor and unit in which all values of a metric are shown, by the largest."""
-    values = np.abs(judged.column(name))
-    largest = float(values[np.isfinite(values)].max(initial=0.0))
-    scaled, unit = readable(largest, judged.table.unit(name), in_degrees(judged))
+    return display_scale_of(judged.column(name), judged.table.unit(name), in_degrees(judged))
+
+
+def display_scale_of(values: np.ndarray, unit: str, degrees: bool) -> tuple[float, str]:
+    """Factor and unit in which all of these values of a unit are shown, by the largest."""
+    sizes = np.abs(values)
+    largest = float(sizes[np.isfinite(sizes)].max(initial=0.0))
+    scaled, unit = readable(largest, unit, degrees)
     return (scaled / largest if largest else 1.0), unit
 
 

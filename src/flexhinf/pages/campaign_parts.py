@@ -29,13 +29,13 @@ from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
 from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.campaign_numbers import (
+    display_scale_of,
     in_degrees,
     interval_text,
     limit_text,
     metric_text,
     own_value_text,
     percent_text,
-    readable,
     setting_rows,
     value_text,
 )
@@ -377,10 +377,8 @@ def pair_designs(result: DesignPair) -> list[str]:
 
 def _in_page_units(result: DesignPair, metric: PairedMetric) -> PairedMetric:
     """The metric in the unit of the design's pages."""
-    sizes = np.abs([*metric.a, *metric.b])
-    largest = float(sizes[np.isfinite(sizes)].max(initial=0.0))
-    scaled, unit = readable(largest, metric.unit, in_degrees(result.judged[0]))
-    factor = scaled / largest if largest else 1.0
+    both = np.concatenate([metric.a, metric.b])
+    factor, unit = display_scale_of(both, metric.unit, in_degrees(result.judged[0]))
     return (
         metric
         if unit == metric.unit

@@ -470,9 +470,7 @@ class Table(Anchored):
         for k in there:
             column, right = self.heads[k], numeric[k]
             heading = column.brief or ", ".join(part for part in (column.name, column.unit) if part)
-            names = k == there[0] and not any(
-                isinstance(line, str) or len(line[k][0]) > NAME for line in lines
-            )
+            names = k == there[0] and not indent and self._longest[k] <= NAME
             whole = wide or names or (right and self._longest[k] <= VALUE)
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
         for line in lines:
