@@ -224,12 +224,13 @@ def unoptimised() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def shared_by_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """All workers of a run share machine code and the store of commands; both begin empty."""
+    """All workers of a run share the store of commands and, in it, machine code; both begin empty."""
     run = tmp_path_factory.getbasetemp()
     run = run.parent if "PYTEST_XDIST_WORKER" in os.environ else run
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("FLEXHINF_CACHE", str(run / "kernels"))
-        patch.setenv("FLEXHINF_TEST_STORE", os.environ.get("FLEXHINF_TEST_STORE", str(run / "store")))
+        store = os.environ.get("FLEXHINF_TEST_STORE", str(run / "store"))
+        patch.setenv("FLEXHINF_TEST_STORE", store)
+        patch.setenv("FLEXHINF_CACHE", str(Path(store).absolute() / "kernels"))
         patch.delenv("FLEXHINF_OPTIMISATION", raising=False)
         yield
 

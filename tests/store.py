@@ -22,6 +22,8 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
+from tests import served
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCE = ("src/flexhinf", "requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
 #: Commands whose results are kept: they take longer than to copy what they wrote.
@@ -32,6 +34,8 @@ REPLACE = {"design", "compare"}
 SETTINGS = ("COLUMNS", "FLEXHINF_OPTIMISATION", "SOURCE_DATE_EPOCH")
 #: Columns of the terminal for commands of the documentation, whose tests and site share what these leave behind.
 COLUMNS = "160"
+#: The variable with the address of an interpreter of `tests.served` for commands, where there is one.
+INTERPRETER = "FLEXHINF_TEST_INTERPRETER"
 #: How long to wait for another worker that makes the same, s.
 PATIENCE = 1200.0
 
@@ -73,6 +77,8 @@ def command(words: Sequence[str], work: Path) -> Outcome:
 
 
 def _run(words: Sequence[str], work: Path) -> Outcome:
+    if address := os.environ.get(INTERPRETER):
+        return Outcome(*served.ask(address, served.command, words, work))
     program = [sys.executable, "-m", "flexhinf", *words]
     done = subprocess.run(program, cwd=work, capture_output=True, text=True, check=False)
     return Outcome(done.returncode, done.stdout, done.stderr)

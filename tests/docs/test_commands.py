@@ -24,15 +24,15 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
 import pytest
-from tests import workspaces
-from tests.store import COLUMNS
+from tests import served, workspaces
+from tests.store import COLUMNS, INTERPRETER
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
@@ -343,10 +343,20 @@ def write_files(page: str, folder: Path) -> None:
             (folder / block.file).write_text(block.text, encoding="utf-8")
 
 
+@pytest.fixture(scope="module")
+def interpreter() -> Iterator[str]:
+    """Commands and programs of pages are forks of one interpreter: each has a second less to import."""
+    with served.interpreter() as address:
+        yield address
+
+
 # Tests ----------------------------------------------------------------------------------------------
-@pytest.mark.costs("starts flexhinf for each command")
+@pytest.mark.costs("runs flexhinf for each command")
 @pytest.mark.parametrize("blocks", chains())
-def test_every_command_of_a_page_runs_as_it_is_printed(blocks: list[Block], tmp_path: Path) -> None:
+def test_every_command_of_a_page_runs_as_it_is_printed(
+    blocks: list[Block], interpreter: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(INTERPRETER, interpreter)
     targets = re.findall(r"^([\w-]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     write_files(blocks[0].page, tmp_path / "work")
@@ -379,16 +389,13 @@ def test_the_program_of_moves_runs_with_a_smaller_search(monkeypatch: pytest.Mon
     exec(compile(block.text, block.name, "exec"), {"__name__": "__main__"})
 
 
-@pytest.mark.costs("starts an interpreter for each program")
+@pytest.mark.costs("runs each program")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("block", programs())
-def test_every_program_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
+def test_every_program_runs_as_it_is_printed(block: Block, interpreter: str, tmp_path: Path) -> None:
     write_files(block.page, tmp_path)
-    paths = [str(REPOSITORY / "src"), os.environ.get("PYTHONPATH", "")]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "MPLBACKEND": "Agg"}
-    words = [sys.executable, "-W", "error", "-c", block.text]
-    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = served.ask(interpreter, served.program, (block.text,), tmp_path)
+    assert done.code == 0, done.errors
 
 
 #: Instead of flexhinf: says what it is asked, and cannot do "wrong".
