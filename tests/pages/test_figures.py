@@ -249,6 +249,25 @@ def test_poles_of_every_group_are_drawn() -> None:
     assert "none</text>" not in svg
 
 
+def test_a_legend_and_names_of_axes_beside_each_other_are_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a figure of two panels, with a point that lies at the top of an axis from 0."""
+    drawn = []
+    monkeypatch.setattr("flexhinf.pages.drawing.figure_block", lambda _, figure, *texts: drawn.append(figure))
+    points = np.array([0.0, 1.0])
+    names = ("without control", "law on the true state", "running loop (sampled, estimator, delay)")
+    lines = [Line(points, points, name, {"marker": "o"}) for name in names]
+    panel = Panel("damping", "", lines, across="noise at the motor, rms (V)", y=(0.0, None))
+    draw_figure("two", [panel, panel], "", "", 3.2, columns=2)
+    (figure,) = drawn
+    figure.draw_without_rendering()
+    (legend,), (left, right) = figure.legends, figure.axes
+    assert legend.get_window_extent().x1 <= figure.bbox.width
+    assert left.xaxis.label.get_window_extent().x1 < right.xaxis.label.get_window_extent().x0
+    assert right.xaxis.label.get_window_extent().x1 <= figure.bbox.width
+    assert left.get_ylim() == pytest.approx((0.0, 1.1), abs=0.06)
+    assert left.get_ylim()[1] > 1.04
+
+
 def test_axes_show_every_finite_value() -> None:
     low, high = framed(np.array([1.0, 3.0, np.nan, np.inf]))
     assert (low, high) == pytest.approx((0.88, 3.12))

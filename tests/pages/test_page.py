@@ -150,10 +150,8 @@ def test_one_joint_is_not_named(report_design: Make) -> None:
     both = joint_table(units, columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
     assert both.rows == [("a", 2.0, None), ("b", 4.0, None)]
     assert both.stacks
-    settings = {
-        row.name: row.unit for row in design_settings(design.synthesis, design.evaluation)["Synthesis"]
-    }
-    assert settings["pose"] == "rad"
+    settings = {row.name: row for row in design_settings(design.synthesis, design.evaluation)["Synthesis"]}
+    assert (settings["pose"].value, settings["pose"].unit) == ([90.0], "°")  # as on the rest of the page
 
 
 def test_bins_of_a_histogram_hold_equally_many_sampling_instants() -> None:

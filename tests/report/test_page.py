@@ -107,7 +107,7 @@ def test_the_top_says_the_verdict_the_numbers_and_what_was_asked(page_html: str)
         page_html.index(text)
         for text in (
             "1 holds, 1 fails, 1 ties",
-            "linear law: 31.5 %",
+            "linear law: 31.5\N{NO-BREAK SPACE}%",
             "Figures 3–12",
             'id="figure-03"',
             'id="settings"',

@@ -75,6 +75,7 @@ from flexhinf.pages.drawing import (
     figure_block,
     first_screen,
     legend_above,
+    rounded,
     unbroken,
 )
 from flexhinf.pages.page import design_statuses
@@ -184,9 +185,10 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         worst = judged.worst(name)
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
-            value = ("never", "") if np.isinf(largest) else value_in(judged, name, float(largest))
+            size, unit = value_in(judged, name, float(largest))
+            shown = ("never", "") if np.isinf(largest) else (rounded(size), unit)
             note = f"median {own_value_text(judged, name, float(median))}; sample {worst}"
-            numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
+            numbers.append(KeyNumber(f"worst {metric_text(name)}", *shown, note))
     return numbers
 
 

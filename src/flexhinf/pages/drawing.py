@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,6 +27,7 @@ from flexhinf.report import (
     Section,
     Table,
     figure_to_svg,
+    fitted,
     house_style,
     label,
     legend,
@@ -122,6 +124,9 @@ class Panel:
         if self.vertical is not None:
             axes.axvline(self.vertical, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
         axes.set(**{key: ends for key, ends in (("xlim", self.x), ("ylim", self.y)) if ends is not None})
+        if self.y is not None and self.y[1] is None:
+            low, high = axes.get_ylim()
+            axes.set_ylim(top=high + 0.05 * (high - low))  # room for what lies at the top
         if math.isfinite(self.depth):
             low, high = axes.get_ylim()
             axes.set_ylim(max(low, high - self.depth), high)
@@ -144,7 +149,7 @@ def draw_figure(
     for axis, panel in zip(axes, parts):
         panel.draw(axis)
         if columns or axis is axes[-1]:
-            axis.set_xlabel(panel.across)
+            axis.set_xlabel(textwrap.fill(panel.across, 52 // side) if columns else panel.across)
             if panel.log:  # powers of ten as plain numbers, marks at 2 and 5
                 # Matplotlib's own labels start its reader of formulas, a quarter of a second; a mark takes 1 ms
                 axis.set_xscale("log")
@@ -235,11 +240,11 @@ def unbroken(text: str, before: str = "%") -> str:
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
-    """Add the legend of one panel above all of them."""
-    figure.legend(
-        *axes.get_legend_handles_labels(),
-        **{"loc": "outside upper left", "ncols": columns, "frameon": False, **options},
-    )
+    """Add the legend of one panel above all of them, in so many columns at most as fit."""
+    handles, names = axes.get_legend_handles_labels()
+    wrapped, fit = fitted(names, 72.0 * figure.get_figwidth() - 10.0, columns)
+    look = {"loc": "outside upper left", "ncols": fit, "frameon": False, "columnspacing": 1.0}
+    figure.legend(handles, wrapped, **{**look, "handletextpad": 0.5, **options})
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:

@@ -324,7 +324,11 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
             f"{number(second.standard_errors[name], 2)} {result.stated[name].unit}".rstrip()
             if np.isfinite(second.standard_errors[name])
             else None,
-            Cell("no", "yellow") if name in second.differing else Cell("yes", "green"),
+            "not told"
+            if name in result.found.hidden
+            else Cell("no", "yellow")
+            if name in second.differing
+            else Cell("yes", "green"),
         )
         for name, value in second.values.items()
     ]
@@ -376,9 +380,10 @@ def cause_table(causes: Sequence[Explanation]) -> Table:
 
 
 def correlation_table(result: IdentifiedRobot) -> Table:
-    """Correlations of the errors of the numbers."""
-    names = [signal_label(name) for name in result.found.names]
-    matrix = result.found.correlations
+    """Correlations of the errors of the numbers that the log tells."""
+    told = [k for k, name in enumerate(result.found.names) if name not in result.found.hidden]
+    names = [signal_label(result.found.names[k]) for k in told]
+    matrix = result.found.correlations[np.ix_(told, told)]
     rows = [
         (name, *("" if not np.isfinite(value) else number(float(value), 2) for value in row))
         for name, row in zip(names, matrix)
@@ -422,7 +427,7 @@ def identified_page(
     tables = [
         identified_table(result),
         noise_table(result),
-        *([correlation_table(result)] if len(found.names) > 1 else []),
+        *([correlation_table(result)] if len(found.names) - len(found.hidden) > 1 else []),
         *([second_table(result.second, result)] if result.second is not None else []),
         *([cause_table(result.causes)] if result.causes else []),
     ]

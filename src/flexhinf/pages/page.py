@@ -460,15 +460,22 @@ def gears_table() -> Any:
 #: What a file is, by its name or its ending; the first that fits.
 MEANING = (
     ("design.toml", "the request and its result; `flexhinf design design.toml` makes the design again"),
-    ("design.json", "every number of this page"),
-    ("comparison.json", "every number of this page"),
-    ("controller.json", "the controller: `flexhinf.load_controller`"),
     ("controller", "the controller: `flexhinf.load_controller`"),
-    ("estimate.json", "every number of this page"),
+    ("certificate", "a proof: `flexhinf certify --check` checks it again"),
+    ("certificate-tolerances", "a proof: `flexhinf certify --check` checks it again"),
+    ("robot.toml", "the robot with the numbers of this page"),
+    ("motion.csv", "the proposed motion, SI units, time in s"),
+    (".json", "every number of this page"),
     ("estimate", "estimates, innovations and NIS at every sample, SI units, time in s"),
     (".csv", "one run, one column for each signal, SI units, time in s"),
     (".nc", "one run as NetCDF: `xarray.open_dataset`, units as attributes"),
 )
+
+
+def _names_text(names: Sequence[str]) -> str:
+    """Names of files between backticks, numbered ones by the first and the last."""
+    numbered = len({re.sub(r"\d+", "", name) for name in names}) == 1 and len(names) > 2
+    return f"{names[0]}` to `{names[-1]}" if numbered else "`, `".join(names)
 
 
 def files_section(files: Sequence[str]) -> Section:
@@ -483,7 +490,7 @@ def files_section(files: Sequence[str]) -> Section:
             (folder, next((text for key, text in MEANING if key in (name, path.suffix, path.stem)), "")), []
         ).append(file)
     rows = [
-        (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
+        (f"`{folder}{'/' if folder else ''}{_names_text(names)}`", meaning)
         for (folder, meaning), names in grouped.items()
     ]
     brief = count_text(len(files), "file")

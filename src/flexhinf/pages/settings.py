@@ -16,10 +16,9 @@ from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.numerals import number, power_of
 from flexhinf.pages.design.weights import effort_unit, state_weights
-from flexhinf.pages.drawing import Units, listed
+from flexhinf.pages.drawing import Units, listed, units_of
 from flexhinf.report import Setting
 from flexhinf.robot import Robot
-from flexhinf.robot.signals import signal_names
 from flexhinf.robot.springs import SPRING_DAMPING
 
 #: Name, value, unit and source.
@@ -186,7 +185,7 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
     home = "the robot's home" if s.move is None else "the last waypoint of --move"
     return [
         ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        ("pose", synthesis.goal, _position_unit(e), source_of(s, "pose", home)),
+        ("pose", *_positions(e, synthesis.goal), source_of(s, "pose", home)),
         *(
             (f"weight of {name.replace('_', ' ')}", weight, unit, chosen.source)
             for name, weight, unit in state_weights(problem, e.setup.joints)
@@ -202,9 +201,11 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
     ]
 
 
-def _position_unit(e: LawEvaluation) -> str:
-    units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
-    return ", ".join(units[:1] if len(set(units)) == 1 else units)
+def _positions(e: LawEvaluation, values: np.ndarray) -> tuple[np.ndarray, str]:
+    """Link positions and their unit, as the page shows them."""
+    units = units_of(e)
+    own = [units.of(units.angle, joint) for joint in units.joints]
+    return units.scale * values, ", ".join(own[:1] if len(set(own)) == 1 else own)
 
 
 def _estimator(e: LawEvaluation) -> Rows:
@@ -231,12 +232,16 @@ def _estimator(e: LawEvaluation) -> Rows:
 
 
 def _simulation(e: LawEvaluation) -> Rows:
-    s, runs, filter, position = e.setup.specification, e.scenario, e.loop.filter, _position_unit(e)
+    s, runs, filter, zone = e.setup.specification, e.scenario, e.loop.filter, e.setup.dead_zone
     assert runs is not None
     extras = f", with {', '.join(e.setup.extras)}" if e.setup.extras else ", no extras"
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows: Rows = [
-        ("start pose", e.setup.start, position, source_of(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
+        (
+            "start pose",
+            *_positions(e, e.setup.start),
+            source_of(s, "start", "ours: 0.1 rad (10 mm) from the goal"),
+        ),
         (
             "command",
             "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
@@ -254,8 +259,7 @@ def _simulation(e: LawEvaluation) -> Rows:
         *loop_rows(e.setup),
         (
             "dead zone of the integrals",
-            "none" if e.setup.dead_zone is None else e.setup.dead_zone,
-            position,
+            *(("none", "") if zone is None else _positions(e, zone)),
             source_of(s, "integral_dead_zone", "ours: against limit cycles"),
         ),
         (

@@ -25,6 +25,7 @@ from .figure import (
     WIDTH as WIDTH,
     Film as Film,
     figure_to_svg as figure_to_svg,
+    fitted as fitted,
     house_style as house_style,
     label as label,
     legend as legend,

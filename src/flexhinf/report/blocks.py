@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from rich.table import Table as Terminal
 
 
+#: The space between a number and its unit, at which no line ends.
+_UNITS = re.compile(r"(?<=\d) (?=%|(?:[mkµ]?(?:s|V|A|W|Hz|m|rad|N)|kg|N·m)(?![\w'’]))")
+
+
 def prose(text: str) -> str:
     """Escaped text: words between backticks become a code element; Rᵛ and Rⁿ (or R^v, R^n) get a raised letter.
 
@@ -38,15 +42,18 @@ def prose(text: str) -> str:
     --------
     >>> prose("`--seed 3` changes Rᵛ")
     '<code>--seed 3</code> changes R<sup>v</sup>'
+    >>> prose("5 % of 2 kHz")
+    '5\\xa0% of 2\\xa0kHz'
     """
     letters = {"^v": "v", "ᵛ": "v", "^n": "n", "ⁿ": "n"}
-    raised = re.sub(r"\bR(\^[vn]\b|[ᵛⁿ])", lambda match: f"R<sup>{letters[match[1]]}</sup>", escape(text))
+    whole = _UNITS.sub("\N{NO-BREAK SPACE}", escape(text))
+    raised = re.sub(r"\bR(\^[vn]\b|[ᵛⁿ])", lambda match: f"R<sup>{letters[match[1]]}</sup>", whole)
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", raised)
 
 
-def unit_html(unit: str) -> str:
-    """A unit after a number or a name, degrees without a space; nothing without one."""
-    space = "" if unit.startswith("°") else " "
+def unit_html(unit: str, after_name: bool = False) -> str:
+    """A unit after a number, degrees without a space, or after a name; nothing without one."""
+    space = "" if unit.startswith("°") and not after_name else " "
     return f'{space}<span class="unit">{escape(unit)}</span>' if unit else ""
 
 
@@ -409,14 +416,14 @@ class Table(Anchored):
             for right, longest in zip(numeric, self._longest)
         ]
         head = "".join(
-            f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
+            f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit, after_name=True)}</th>'
             if column.name
             else "<td></td>"
             for column, mark in zip(self.heads, css)
         )
         labels, units = [""] * len(css), [""] * len(css)
         if self.stacks:  # what a stacked row writes around each cell but its first
-            labels[1:] = [f' data-label="{escape(column.name)}"' for column in self.heads[1:]]
+            labels[1:] = [f' data-label="{escape(c.name)}"' if c.name else "" for c in self.heads[1:]]
             units[1:] = [f"{' ' * (u != '' and u[0] != '°')}{u}" for u in (c.unit for c in self.heads[1:])]
         grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
         body: list[str] = []

@@ -240,7 +240,7 @@ def legend(axes: Axes) -> None:
     if not handles:
         return
     room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 75.0  # pt, beside tick and axis labels
-    wrapped, columns = min(_layouts(names, room), key=_height)
+    wrapped, columns = fitted(names, room)
     tiny = (
         axes.get_yscale() == "linear" and max(map(abs, axes.get_ylim())) < 1e-4
     )  # a power of ten stands there
@@ -254,6 +254,11 @@ def legend(axes: Axes) -> None:
         columnspacing=1.0,
         handletextpad=0.5,
     )
+
+
+def fitted(names: Sequence[str], room: float, most: int = 99) -> tuple[list[str], int]:
+    """Names of a legend in lines, and its columns, at most so many, that fit into so many points of width."""
+    return min((each for each in _layouts(names, room) if each[1] <= most), key=_height)
 
 
 #: What no line of a legend ends within: a comparison, a number with its per cent sign.

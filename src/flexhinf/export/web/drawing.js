@@ -98,10 +98,10 @@ class View {
     return [left, right, above * tall + flat, below * tall + flat];
   }
 
-  // Width over height of a canvas that is filled.
+  // Width over height of a canvas that is filled; an arm that moves little up and down keeps room to be pulled.
   aspect() {
     const [left, right, above, below] = this.box();
-    return (left + right) / (above + below);
+    return Math.min(1.5, (left + right) / (above + below));
   }
 
   // Sizes of a canvas on the screen; called before anything is drawn on it.

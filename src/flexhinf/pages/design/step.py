@@ -276,15 +276,18 @@ def arm_figure(
     if seen is None:
         return None
     view, names, (low, high) = seen
-    tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
+    wide, flat = high - low
+    lack = np.array([0.0, max(0.0, 0.6 * wide - flat)])  # of a flat arm, whose numbers stand on each other
+    low, high = low - 0.5 * lack, high + 0.5 * lack
+    tall = max(0.6, float(flat / wide))  # of each panel, over its width
     # beside the arm, inches: legend, titles and names of the axes in height, numbers in width
     figure, (axes,) = panels(
-        1, len(at), 1.25 + min(max(tall, 0.3), 2.0) * (WIDTH - 0.8) / len(at), sharex=True, sharey=True
+        1, len(at), 1.5 + min(tall, 2.0) * (WIDTH - 0.8) / len(at), sharex=True, sharey=True
     )
     dashed = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
     thick = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
     for k, (axis, (own, behind)) in enumerate(zip(axes, poses, strict=True)):
-        for lines, name, style in ((behind, "motors (springs without twist)", dashed), (own, "links", thick)):
+        for lines, name, style in ((behind, "motors", dashed), (own, "links", thick)):
             for j, line in enumerate(lines):
                 axis.plot(*(line @ view).T, label=name if k == j == 0 else None, **style)
         joints = np.array([line[0] for line in own]) @ view
