@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ from tests.refusals import unnamed
 
 from flexhinf.design import Comparison
 from flexhinf.design.pipeline import ComparedLaw
-from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table, unit_of
+from flexhinf.pages import comparison_figures, comparison_notes, comparison_page, comparison_verdict
+from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table, tuned_laws, unit_of
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 
@@ -198,3 +199,24 @@ def test_alone_there_is_nothing_to_compare(report_comparison: Comparison) -> Non
     assert unnamed(comparison_verdict(alone), "no", "law", "the design") == []
     ids = [section.id for section in comparison_page(alone, ["flexhinf"]).sections]
     assert "trade-off" not in ids
+
+
+def test_a_law_far_from_the_others_is_seen_in_the_trade_off(
+    report_comparison: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thousand times the input for a hundredth of the deviation: every law has its mark within the axes."""
+    drawn: list[Any] = []
+    monkeypatch.setattr(comparison_figures, "figure_block", lambda _, figure, *texts: drawn.append(figure))
+    *laws, last = tuned_laws(report_comparison)
+    far = dataclasses.replace(
+        last.metrics,
+        peak_input=1e3 * last.metrics.peak_input,
+        load_deviation=1e-2 * last.metrics.load_deviation,
+    )
+    comparison_figures.trade_off_figure(report_comparison, [*laws, dataclasses.replace(last, metrics=far)])
+    (axes,) = drawn[0].axes
+    marks = np.array([line.get_xydata()[0] for line in axes.lines if not line.get_label().startswith("_")])
+    assert len(marks) == len(laws) + 1
+    for values, (low, high) in zip(marks.T, (axes.get_xlim(), axes.get_ylim())):
+        assert low < values.min()
+        assert values.max() < high

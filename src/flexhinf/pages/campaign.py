@@ -186,9 +186,9 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
             size, unit = value_in(judged, name, float(largest))
-            shown = ("never", "") if np.isinf(largest) else (rounded(size), unit)
+            value = ("never", "") if np.isinf(largest) else (rounded(size), unit)
             note = f"median {own_value_text(judged, name, float(median))}; sample {worst}"
-            numbers.append(KeyNumber(f"worst {metric_text(name)}", *shown, note))
+            numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
     return numbers
 
 

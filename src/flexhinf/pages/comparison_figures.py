@@ -69,11 +69,13 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
     )
 
 
-def _plain_log(ruler: Any) -> None:
-    """Marks of a logarithmic axis as plain numbers."""
+def _plain_log(ruler: Any, few: bool = False) -> None:
+    """Marks of a logarithmic axis as plain numbers; `few`: powers of ten alone."""
     from matplotlib.ticker import FuncFormatter
 
-    ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else ""))
+    ruler.set_minor_formatter(
+        FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" * (not few) else "")
+    )
     ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
@@ -213,8 +215,9 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 4, columnspacing=1.0)
     for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
-        _plain_log(ruler)
-        limit(max(0.7 * values.min(), values.max() / 30.0), 1.4 * values.max())
+        low, high = 0.7 * values.min(), 1.4 * values.max()
+        limit(low, high)
+        _plain_log(ruler, few=high > 100.0 * low)
     label(axis, "largest deviation under the load", small)
     return figure_block(
         "trade-off",

@@ -381,9 +381,9 @@ def cause_table(causes: Sequence[Explanation]) -> Table:
 
 def correlation_table(result: IdentifiedRobot) -> Table:
     """Correlations of the errors of the numbers that the log tells."""
-    told = [k for k, name in enumerate(result.found.names) if name not in result.found.hidden]
-    names = [signal_label(result.found.names[k]) for k in told]
-    matrix = result.found.correlations[np.ix_(told, told)]
+    clear = [k for k, name in enumerate(result.found.names) if name not in result.found.hidden]
+    names = [signal_label(result.found.names[k]) for k in clear]
+    matrix = result.found.correlations[np.ix_(clear, clear)]
     rows = [
         (name, *("" if not np.isfinite(value) else number(float(value), 2) for value in row))
         for name, row in zip(names, matrix)

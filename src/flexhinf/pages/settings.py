@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,6 +21,9 @@ from flexhinf.pages.drawing import Units, listed, units_of
 from flexhinf.report import Setting
 from flexhinf.robot import Robot
 from flexhinf.robot.springs import SPRING_DAMPING
+
+#: In the name of a move: its ends, which are in other rows, in the units of the page.
+_ENDS = re.compile(r" from \([^()]*\) to \([^()]*\) (?=in )")
 
 #: Name, value, unit and source.
 Rows = list[tuple[Any, ...]]
@@ -248,7 +252,7 @@ def _simulation(e: LawEvaluation) -> Rows:
             "",
             source_of(s, "shaping"),
         ),
-        ("move", runs.plan.name, "", source_of(s, "move", "ours: the way of the step")),
+        ("move", _ENDS.sub(" ", runs.plan.name), "", source_of(s, "move", "ours: the way of the step")),
         ("true plant", f"nominal numbers{extras}", "", source_of(s, "extras")),
         (
             "extras that the linear loop leaves out",
