@@ -137,7 +137,7 @@ def test_only_independent_samples_have_an_interval(
     assert main([*WORDS, "--method", method]) in (0, 1)
     text, page = said(capsys), (judged / "runs" / "index.html").read_text()
     assert ("with 95 % confidence" in text) == (method == "random")
-    assert ("Clopper" in page) == ("95 %: " in page) == (method == "random")
+    assert ("Clopper" in page) == ("95\N{NO-BREAK SPACE}%: " in page) == (method == "random")
     for place in (text, page):
         assert ("no confidence" in place) == (method != "random")
 
