@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from rich.table import Table as Terminal
 
 
-#: The space between a number and its unit, at which no line ends.
-_UNITS = re.compile(r"(?<=\d) (?=%|(?:[mkµ]?(?:s|V|A|W|Hz|m|rad|N)|kg|N·m)(?![\w'’]))")
+#: The space between a number and its unit, at which no line ends, outside of backticks: code is copied as it is.
+_UNITS = re.compile(r"`[^`]*`|(?<=\d) (?=%|(?:[mkµ]?(?:s|V|A|W|Hz|m|rad|N)|kg|N·m)(?![\w'’]))")
 
 
 def prose(text: str) -> str:
@@ -42,11 +42,11 @@ def prose(text: str) -> str:
     --------
     >>> prose("`--seed 3` changes Rᵛ")
     '<code>--seed 3</code> changes R<sup>v</sup>'
-    >>> prose("5 % of 2 kHz")
-    '5\\xa0% of 2\\xa0kHz'
+    >>> prose("5 % of `sleep 2 s`")
+    '5\\xa0% of <code>sleep 2 s</code>'
     """
     letters = {"^v": "v", "ᵛ": "v", "^n": "n", "ⁿ": "n"}
-    whole = _UNITS.sub("\N{NO-BREAK SPACE}", escape(text))
+    whole = _UNITS.sub(lambda match: match[0] if match[0] != " " else "\N{NO-BREAK SPACE}", escape(text))
     raised = re.sub(r"\bR(\^[vn]\b|[ᵛⁿ])", lambda match: f"R<sup>{letters[match[1]]}</sup>", whole)
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", raised)
 
