@@ -7,9 +7,11 @@ import pytest
 from benchmarks.workspace import masses as benchmark
 from benchmarks.workspace.robots import ROBOTS
 
+import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.responses import with_values
 from flexhinf.design.workspace.masses import POSES, largest_masses, stated_errors
+from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import Sector
@@ -59,6 +61,19 @@ def test_masses_in_per_cent_hold_at_poses_that_nobody_looked_at(setup):
     assert high <= stated.errors.masses.upper + 1e-9
     assert -low > 0.9 * stated.errors.masses.lower
     assert high > 0.9 * stated.errors.masses.upper
+
+
+@pytest.mark.costs("the law of a robot, and many corners")
+def test_no_corner_of_the_tolerances_is_worse_than_what_is_stated():
+    """Of 300 random corners at poses that were looked at; some come near both ends."""
+    robot = fh.load_robot("planar-two-link")
+    law, _ = benchmark.pairs_of(robot)
+    setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
+    lower, upper = stated_errors(setup).errors.masses
+    plants = [with_values(setup.true_plant, values) for values in robot.random_corners(300, 8)]
+    low, high = errors(setup, plants, setup.workspace.sample(8, POSES_SEED))
+    assert 0.95 * lower < -low <= lower + 1e-9
+    assert 0.95 * upper < high <= upper + 1e-9
 
 
 @pytest.mark.costs("two robots at many poses")

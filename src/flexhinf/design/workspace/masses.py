@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +16,13 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import EXACT, Errors, Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot import Robot
-from flexhinf.robot.parameters import Parameter, payload_masses
+from flexhinf.robot.parameters import Parameter, payload_masses, random_signs
 
-#: Sampled poses, and corners of the tolerances at each.
-POSES, CORNERS = 200, 8
+#: Sampled poses; corners of the tolerances from which the worst one is sought at each, and steps of that search.
+POSES, CORNERS, STEPS = 200, 8, 4
 
 #: How the names of what an inertia matrix depends on begin; of these, what it is proportional to.
-OF_INERTIA = ("mass", "inertia", "payload", "centre_of_mass", "length")
+OF_INERTIA = ("mass", "inertia", "link_inertia", "payload", "centre_of_mass", "length")
 PROPORTIONAL = re.compile(r"(mass|inertia|inertia_(xx|yy|zz))(_.*)?$")
 
 
@@ -44,8 +44,8 @@ def stated_errors(setup: WorkspaceSetup) -> StatedErrors:
     The stiffness matrix is proportional to the stiffness of all springs, so (1 − ε₁) K ≤ K̂ ≤ (1 + ε₂) K.
 
     Where masses and moments of inertia alone are uncertain, in per cent, (1 − p) M ≤ M̂ ≤ (1 + p) M holds at every pose:
-    the kinetic energy is a sum over these with weights that are not negative. Otherwise robots at corners of their
-    tolerances, and the heaviest, are looked at in sampled poses.
+    the kinetic energy is a sum over these with weights that are not negative. Otherwise the worst corners of the
+    tolerances are sought in sampled poses.
     """
     robot = setup.true.robot
     masses = [p for p in robot.uncertain if p.name.startswith(OF_INERTIA)]
@@ -60,20 +60,78 @@ def stated_errors(setup: WorkspaceSetup) -> StatedErrors:
     if setup.other is None and (share := _proportional(robot, masses)) is not None:
         sector = Sector(1.0 - 1.0 / (1.0 + share), 1.0 / (1.0 - share) - 1.0)
         return StatedErrors(Errors(sector, softer_or_stiffer), 0, others)
-    poses = setup.workspace.sample(POSES, POSES_SEED)
-    corners = [robot.heaviest, *robot.random_corners(CORNERS, POSES_SEED)]
-    ends = [0.0, 0.0]
-    model, own = link_compliance(setup.law.plant), setup.law.plant.parameters.vector()
-    true = link_compliance(setup.true_plant)
-    numbers = [with_values(setup.true_plant, values).parameters.vector() for values in corners]
-    for pose in poses:
+    return StatedErrors(Errors(_worst_sector(setup), softer_or_stiffer), POSES, others)
+
+
+def _worst_sector(setup: WorkspaceSetup) -> Sector:
+    """The errors of the worst corners that are found in sampled poses.
+
+    At a pose the inverse inertia is nearly R₀ + Σ s_k D_k, for signs s_k of groups of quantities. Its extreme
+    eigenvalues are sought in turn over a direction v, an eigenvector, and over the signs, those of vᵀD_k v; those of
+    the corner itself count.
+    """
+    corners, model = _Corners(setup), link_compliance(setup.law.plant)
+    own, ends = setup.law.plant.parameters.vector(), [0.0, 0.0]
+    for pose in setup.workspace.sample(POSES, POSES_SEED):
         inertia = np.linalg.inv(model.matrix(pose, own))
         root = np.linalg.cholesky(0.5 * (inertia + inertia.T))
-        for values in numbers:
-            turned = root.T @ true.matrix(pose, values) @ root
-            low, high = np.linalg.eigvalsh(0.5 * (turned + turned.T))[[0, -1]]
+        for low, high in corners.extremes(pose, root):
             ends = [max(ends[0], 1.0 - low), max(ends[1], high - 1.0)]
-    return StatedErrors(Errors(Sector(*map(float, ends)), softer_or_stiffer), POSES, others)
+    return Sector(*map(float, ends))
+
+
+class _Corners:
+    """Robots at corners of their tolerances, whose quantities are at their ends by groups."""
+
+    def __init__(self, setup: WorkspaceSetup) -> None:
+        self._plant, self._robot = setup.true_plant, setup.true.robot
+        self._compliance, self._known = (
+            link_compliance(setup.true_plant),
+            dict[tuple[float, ...], np.ndarray](),
+        )
+        # Signs (groups, quantities) of each group alone. Moments of inertia go together, see `Robot.random_corners`.
+        names = [re.sub("inertia(_per_mass)?_[xyz]{2}", "inertia", p.name) for p in self._robot.uncertain]
+        turned = [
+            -1.0 if p.value < 0.0 and p.name != name else 1.0 for p, name in zip(self._robot.uncertain, names)
+        ]
+        kept = [name for name in dict.fromkeys(names) if name.startswith(OF_INERTIA)]
+        count = len(kept)
+        alone = np.array([[name == own for own in names] for name in kept], dtype=float)
+        self._alone = alone.reshape(count, len(names)) * turned
+        heavy = [float(name.startswith(("mass", "payload_mass"))) for name in kept]
+        self._starts = np.vstack([heavy, random_signs(count, CORNERS, POSES_SEED)])
+
+    def extremes(self, pose: np.ndarray, root: np.ndarray) -> Iterator[np.ndarray]:
+        """Smallest and largest eigenvalue of M M̂⁻¹, of each of some corners; M is `root` times its transpose."""
+
+        def turned(signs: np.ndarray) -> np.ndarray:
+            whole = root.T @ self._compliance.matrix(pose, self._numbers(signs)) @ root
+            return 0.5 * (whole + whole.T)
+
+        count, size = len(self._alone), len(root)
+        middle = turned(np.zeros(count))
+        slopes = [0.5 * (turned(one) - turned(-one)) for one in np.eye(count)]
+        slopes = np.reshape(slopes, (count, size, size))
+        tried = set[tuple[float, ...]]()
+        for start in self._starts:
+            for place in (0, -1):
+                signs = start
+                for _ in range(STEPS):
+                    along = np.linalg.eigh(middle + np.tensordot(signs, slopes, 1))[1][:, place]
+                    grows = along @ slopes @ along > 0.0
+                    signs = np.where(grows == (place == -1), 1.0, -1.0)
+                tried.add(tuple(signs.tolist()))
+            tried.add(tuple(start.tolist()))
+        for one in tried:
+            yield np.linalg.eigvalsh(turned(np.array(one)))[[0, -1]]
+
+    def _numbers(self, signs: np.ndarray) -> np.ndarray:
+        """Parameters of the plant, by the signs of the groups."""
+        key = tuple(signs.tolist())
+        if key not in self._known:
+            values = self._robot.corner((signs @ self._alone).tolist())
+            self._known[key] = with_values(self._plant, values).parameters.vector()
+        return self._known[key]
 
 
 class LargestMasses(NamedTuple):
