@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests import workspaces
@@ -14,10 +15,10 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design.workspace import proof as workspace_proof
+from flexhinf.design.workspace import preset, proof as workspace_proof
 from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal.popov import Errors, Sector
+from flexhinf.modal.popov import Errors, PopovTolerance, SampledPairs, Sector
 
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -119,6 +120,10 @@ def test_an_interrupted_design_leaves_what_was_there(
         (["compare", "--tune", "none"], ("--tune", "--pose")),
         (["compare", "--degrees", "2", "--gains", "mine.toml"], "mine.toml"),
         (["certify", "--workspace", "limits"], ("--workspace", "--pose", "flexhinf design")),
+        (
+            ["design", "--workspace", "limits", "--preset", "proved", "--unknown-delay", "2ms"],
+            ("unknown", "2 ms"),
+        ),
     ],
 )
 def test_what_is_of_one_pose_is_refused(
@@ -203,6 +208,38 @@ def test_other_commands_take_its_folder_or_say_why_not(
     page = (folder / "one" / "index.html").read_text(encoding="utf-8")
     for text in (shown.out, page, written["result"]["verdict"]):
         assert unnamed(text, "one pose", "--pose") == []
+
+
+@pytest.mark.ci("designs a workspace, and proves it")
+def test_a_law_is_chosen_that_is_proved_for_the_tolerances_of_the_file(
+    robot: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first law is left, as if a grid refused it."""
+    workspaces.few(monkeypatch, BANDWIDTHS=(28.0, 14.0))
+    tolerance = preset.popov_tolerance
+
+    def refused_first(pairs: SampledPairs, *words: Any) -> PopovTolerance:
+        found = tolerance(pairs, *words)
+        return found._replace(share=1.1 if pairs.gains.weights.bandwidth == 28.0 else found.share)
+
+    monkeypatch.setattr(preset, "popov_tolerance", refused_first)
+    words = ["--workspace", "limits", "--preset", "proved", "--draws", "0", "--no-advice"]
+    assert main(["design", robot, *words, "--out", "made"]) in (0, 1)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert unnamed(shown, "Proved for the file's tolerances", "fastest found") == []
+    page = (folder / "made" / "index.html").read_text(encoding="utf-8")
+    assert unnamed(page, "Proved for the file", "It holds for (1)") == []
+    assert stored(folder / "made")[0]["design"]["preset"] == "proved"
+    proof = json.loads((folder / "made" / "proof.json").read_text(encoding="utf-8"))
+    assert proof["weights"]["bandwidth"] == 14.0
+    kinds = ("lower", "upper", "softer", "stiffer")
+    assert all(proof["proved"][kind] >= proof["stated"][kind] for kind in kinds)
+    assert proof["stated"]["softer"] == pytest.approx(0.1)
+    assert main(["certify", "--check", "made"]) == 0
+    design = fh.load_design(folder / "made")
+    (line,) = (line for line in design.requirements if line.what.startswith("proved part"))
+    assert line.met
+    assert line.found >= 100.0
 
 
 @pytest.mark.ci("designs a workspace")

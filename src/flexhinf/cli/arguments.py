@@ -377,6 +377,7 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 
 def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
     kept = {"ripple", "tracking_error", *(["estimator"] if s.estimator == "none" else [])}
+    kept |= {"preset"} if s.preset == specification.PROVED else set()
     idle = dict.fromkeys(
         {*specification.FIELDS} - {*specification.OF_WORKSPACE, *specification.EXTENDED} | {"estimator"},
         "a design of one pose (--pose)",

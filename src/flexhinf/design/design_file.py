@@ -30,7 +30,14 @@ from pydantic import TypeAdapter
 
 from flexhinf import __version__
 from flexhinf.design.own_sensors import with_own_sensors
-from flexhinf.design.specification import EXTENDED, FIELDS, FORMER, Specification, SpecificationError
+from flexhinf.design.specification import (
+    EXTENDED,
+    FIELDS,
+    FORMER,
+    Specification,
+    SpecificationError,
+    with_workspace,
+)
 from flexhinf.design.stated_units import check_stated_units, parts_of
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import load_controller
@@ -119,7 +126,7 @@ def read_request(
     load = places.get("payload") if payload is None else payload
     robot = load_robot(places["robot"], beside, payload=load)
     check_stated_units(robot, s)
-    s = with_own_sensors(robot, s)
+    s = with_workspace(robot, with_own_sensors(robot, s))
     own = {
         "peak_effort": robot.effort_limits,
         "saturation": robot.effort_limits,

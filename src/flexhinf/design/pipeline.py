@@ -23,14 +23,14 @@ from flexhinf.design.problem.weights import TargetBehaviour
 from flexhinf.design.requirements import REQUIREMENTS, Reported, Requirement, loop_margins
 from flexhinf.design.result import Design, DesignedLoop, judged_by
 from flexhinf.design.rigid import RigidComparison, compare_rigid
-from flexhinf.design.specification import Specification, is_for_workspace
+from flexhinf.design.specification import Specification, is_for_workspace, with_workspace
 from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace import comparison as over
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
 from flexhinf.design.workspace.evidence import LoopOverWorkspace, WorkspaceEvidence
 from flexhinf.design.workspace.law_file import stated_workspace
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.design.workspace.preset import found_law
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
@@ -142,7 +142,7 @@ def checked_specification(robot: Robot, specification: Specification | None) -> 
     if not isinstance(specification, Specification):
         found = f"expected a flexhinf.Specification, got {value_text(specification)}"
         raise InvalidInput("This is no specification.", found, "flexhinf.Specification(pose='90deg')")
-    return with_own_sensors(robot, specification)
+    return with_workspace(robot, with_own_sensors(robot, specification))
 
 
 def design(
@@ -152,7 +152,7 @@ def design(
 
     The controller is for a workspace, by default all poses within the joint ranges: one law for all of them, judged at
     random poses and in moves between random goals. With a field that only a design of one pose reads
-    (`Specification.pose_fields_stated`), such as ``pose``, ``preset`` or ``degrees``, it is for that pose alone: a
+    (`Specification.pose_fields_stated`), such as ``pose``, ``bandwidth`` or ``degrees``, it is for that pose alone: a
     nonlinear H∞ law about the goal, by default the robot's home, judged in the step to it.
 
     Parameters
@@ -194,7 +194,7 @@ def design(
 def loop_of(robot: Robot, s: Specification, progress: Progress = lambda text: None) -> DesignedLoop:
     """The loop of a design that is not judged."""
     if is_for_workspace(s):
-        return LoopOverWorkspace(tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress))
+        return LoopOverWorkspace(found_law(robot, s, stated_workspace(robot, s.workspace), progress).setup)
     synthesis = steps.synthesise(robot, s, progress)
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     linear = LawEvaluation(DESIGN, setup)

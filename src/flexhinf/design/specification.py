@@ -36,7 +36,7 @@ from flexhinf.options import (
     setting,
     with_parameters,
 )
-from flexhinf.robot.waypoints import WaypointError, stated_workspace, waypoints
+from flexhinf.robot.waypoints import LIMITS as LIMITS_OF_JOINTS, WaypointError, stated_workspace, waypoints
 from flexhinf.validation import late_package, nearest, value_text
 
 if TYPE_CHECKING:
@@ -58,6 +58,9 @@ Range = Annotated[
 ]  # fmt: skip
 
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
+#: The preset that a design for a workspace takes too.
+PROVED = "proved"
+
 #: Estimators by name, in a sentence; `declare_estimator` adds others.
 ESTIMATED_BY = {
     "ukf": "the unscented Kalman filter",
@@ -228,8 +231,8 @@ class Specification(StatedRepr):
         default="the unit of the poses")
     preset: PresetName | None = option(None, SEARCH,
         "Where the weights come from: paper (the robot's file), damped (searched for bandwidth and damping), "
-        "robust (searched on the running loop for its tolerances too), proved (proved for all tolerances; one joint). "
-        "Proved takes the first candidate, by rising gain, that can be proved.",
+        "robust (searched on the running loop for its tolerances too), proved (proved for all tolerances: of one joint "
+        "the first candidate, by rising gain; for a workspace the fastest law).",
         "damped", default="the robot's own weights, or damped where a bandwidth or a damping is required")
     bandwidth: options.Frequencies | None = option(None, LOOP,
         "Least bandwidth: 4 (rad/s), 0.6Hz, or one per joint 4,6. A design with it is of one pose, and not for a "
@@ -418,6 +421,8 @@ class Specification(StatedRepr):
         workspace."""
         every = {*OF_WORKSPACE, *EXTENDED}
         both = every if self.estimator in OVER_WORKSPACE else every - {"estimator"}
+        if self.workspace is not None and self.preset == PROVED:
+            both |= {"preset"}
         values = ((name, getattr(self, name), field.default) for name, field in FIELDS.items())
         return tuple(
             name for name, value, default in values
@@ -536,6 +541,13 @@ def is_for_workspace(s: Specification) -> bool:
             f"leave out `workspace`, or {', '.join(f'`{name}`' for name in stated)}",
         )  # fmt: skip
     return not stated
+
+
+def with_workspace(robot: Any, s: Specification) -> Specification:
+    """A specification that states the workspace, where the preset `proved` alone would make it one of a pose of several
+    joints, of which nothing can be proved."""
+    of_workspace = len(robot.joint_names) > 1 and s.preset == PROVED and s.pose_fields_stated == ("preset",)
+    return replace(s, workspace=LIMITS_OF_JOINTS) if of_workspace else s
 
 
 # Errors ---------------------------------------------------------------------------------------------

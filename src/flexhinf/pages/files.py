@@ -39,6 +39,7 @@ from flexhinf.pages.page import design_page, design_tables, input_rows, notes, v
 from flexhinf.pages.terminal import Ending, comparison_ending, design_ending
 from flexhinf.pages.workspace import workspace_numbers, workspace_page
 from flexhinf.pages.workspace_comparison import laws_details, laws_ending, laws_numbers, laws_page
+from flexhinf.pages.workspace_proof import workspace_proof_numbers
 from flexhinf.pages.workspace_summary import every_requirement, workspace_ending, workspace_verdict
 from flexhinf.report import Page, finite, to_json, write
 from flexhinf.robot import catalogue, load_robot
@@ -46,6 +47,9 @@ from flexhinf.robot.saved_file import robot_text
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
 ENDING = "nc"
+
+#: In the folder of a report: what is proved of a controller for a workspace, where that was asked for.
+PROOF_FILE = "proof.json"
 
 #: In the folder of a report: the robot's file, where its numbers are not those of the file that it was read from.
 ROBOT_FILE = "robot.toml"
@@ -88,7 +92,9 @@ def _parts_of(
     if isinstance(evidence, WorkspaceEvidence):
         moves = {f"move-{k}": move.response.run for k, move in enumerate(evidence.moves, 1)}
         page = partial(workspace_page, evidence, command, warnings, advice=advice)
-        return _Parts(workspace_numbers(evidence), moves, {}, page)
+        proved = evidence.proof
+        proofs = {} if proved is None else {PROOF_FILE: to_json(workspace_proof_numbers(proved))}
+        return _Parts(workspace_numbers(evidence), moves, proofs, page)
     e, proof = evidence.evaluation, evidence.proof
     responses = {
         **_picked(e, RUNS),

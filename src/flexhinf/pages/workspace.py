@@ -45,8 +45,16 @@ from flexhinf.pages.drawing import (
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
-from flexhinf.pages.workspace_proof import PAIRS, pair_table, stability_text
+from flexhinf.pages.workspace_proof import (
+    PAIRS,
+    hypotheses,
+    numbered_text,
+    others_text,
+    pair_table,
+    stability_text,
+)
 from flexhinf.pages.workspace_summary import (
+    asked_proof_text,
     columns_of,
     estimates_text,
     key_numbers,
@@ -163,10 +171,7 @@ def workspace_page(
                 "not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"
             ),
             *([Status("risky", estimates_text(robot))] if estimates_text(robot) else []),
-            Status(
-                "not proved",
-                f"Tested on random samples, not proved. {stability_text(setup, tolerated.proved)}",
-            ),
+            *_proof_statuses(design),
         ],
         [scope_text(design)],
         lead,
@@ -178,6 +183,20 @@ def _command(advice: Advice | None) -> str:
     return (
         f" The whole command: {shlex.join(advice.command)}" if advice is not None and advice.command else ""
     )
+
+
+def _proof_statuses(design: WorkspaceEvidence) -> list[Status]:
+    """What is proved, and what is tested alone."""
+    tested, proof = "Tested on random samples, not proved.", design.proof
+    if proof is None:
+        return [Status("not proved", f"{tested} {stability_text(design.setup, design.robustness.proved)}")]
+    held = f" It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else ""
+    kind = "proved" if proof.covers_file else "not proved"
+    own = Status(kind, f"{asked_proof_text(design)}{held}")
+    return [
+        own,
+        Status("not proved", f"Moves, noise and limits of inputs: {tested.lower()} {others_text(proof)}"),
+    ]
 
 
 def _pose_table(design: WorkspaceEvidence) -> Table:

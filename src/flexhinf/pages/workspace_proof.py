@@ -147,6 +147,11 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     )
 
 
+def numbered_text(texts: Sequence[str]) -> str:
+    """A numbered list in a sentence."""
+    return "; ".join(f"({k}) {text}" for k, text in enumerate(texts, 1))
+
+
 #: Who should not trust a proof: what it leaves out, and what tells of it.
 LEFT_OUT = (
     ("friction, backlash, limits of inputs, quantisation", "moves of the design, campaigns"),
@@ -206,7 +211,7 @@ KINDS = (
 )
 
 
-def _others_text(proof: WorkspaceProof) -> str:
+def others_text(proof: WorkspaceProof) -> str:
     """Uncertain quantities of the file that no proof holds."""
     others = proof.stated.others
     return f"Not in the proof, though the file gives them tolerances: {', '.join(others)}." if others else ""
@@ -291,7 +296,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
                 "Vibrations and errors",
                 (
                     _proof_table(proof),
-                    Paragraph(f"{_unstable_text(proof)} {_others_text(proof)}".strip()),
+                    Paragraph(f"{_unstable_text(proof)} {others_text(proof)}".strip()),
                     Table(
                         ("not in the proof", "what tells of it"),
                         LEFT_OUT,
@@ -320,7 +325,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
             Status(
                 "not proved",
                 "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "
-                + _others_text(proof),
+                + others_text(proof),
             ),
             *design_statuses(verdict),
         ],
@@ -330,13 +335,12 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
 def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> Ending:
     """What a terminal says at the end: the theorem, its hypotheses, what is not proved, the verdict on the design."""
     own = verdict.unmet or verdict.brief
-    numbered = "; ".join(f"({k}) {text}" for k, text in enumerate(hypotheses(proof), 1))
     parts = (
         proof_text(proof),
-        f"It holds for {numbered}." if proof.is_proved else "",
+        f"It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else "",
         _largest_text(proof),
         _unstable_text(proof),
-        _others_text(proof),
+        others_text(proof),
         f"{own[:1].upper()}{own[1:]}.",
     )
     return screen(lambda _: _proof_table(proof), [1], parts)

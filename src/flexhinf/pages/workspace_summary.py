@@ -30,6 +30,7 @@ from flexhinf.pages.terminal import (
     requirements_screen,
     tolerances_text,
 )
+from flexhinf.pages.workspace_proof import proof_text
 from flexhinf.report import KeyNumber, Table
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import INNER
@@ -72,12 +73,25 @@ def workspace_verdict(design: WorkspaceEvidence) -> str:
         filter(
             None,
             (
+                asked_proof_text(design),
                 f"Not met: {missed}." if missed else "Every requirement is met.",
                 estimates_text(design.robot),
                 scope_text(design),
             ),
         )
     )
+
+
+def asked_proof_text(design: WorkspaceEvidence) -> str:
+    """What is proved, where that was asked for, and how the law was chosen; "" otherwise."""
+    if design.proof is None:
+        return ""
+    chosen = (
+        "The law is the fastest found that keeps the limits at the poses of the search and is proved for this."
+        if design.proof.is_stated
+        else "No law of the search was proved for them, so this is the one that is found without the preset."
+    )
+    return f"{proof_text(design.proof)} {chosen}"
 
 
 def estimates_text(robot: Robot) -> str:
@@ -274,6 +288,7 @@ def workspace_ending(design: WorkspaceEvidence, advice: Advice | None = None) ->
     """What a terminal says at the end: what is met, the worst numbers, what was tried and what to check."""
     worst = f"At worst: {numbers_text(key_numbers(design))}."
     parts = (
+        asked_proof_text(design),
         f"{requirements_text(design.requirements)} {estimates_text(design.robot)} {scope_text(design)}",
         f"{worst} {vibration_text(design)}",
         cause_text(design),

@@ -20,7 +20,7 @@ from flexhinf.design.design_file import (
     request_document,
 )
 from flexhinf.design.responses import Response, default_start
-from flexhinf.design.specification import TORQUE_NOISE, Specification
+from flexhinf.design.specification import PROVED, TORQUE_NOISE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
@@ -75,7 +75,7 @@ def at_single_pose(request: DesignRequest, design: bool) -> DesignRequest:
     robot, s, notes = request.robot, request.specification, request.notes
     own: dict[str, Any] = {}
     if s.workspace is not None or (design and not s.pose_fields_stated):
-        own["workspace"] = None
+        own |= {"workspace": None, "preset": None if s.preset == PROVED else s.preset}
         notes = (
             *notes,
             "The studio tunes at one pose: the workspace is left out, the goal is the robot's home.",

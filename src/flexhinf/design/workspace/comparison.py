@@ -26,8 +26,9 @@ from flexhinf.design.workspace.design import check_loop, judged_design
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import missed_by, move_requirements
 from flexhinf.design.workspace.law_file import stated_workspace
+from flexhinf.design.workspace.preset import found_law
 from flexhinf.design.workspace.rivals import check_numbers, home_bandwidths, rival_law
-from flexhinf.design.workspace.search import MOTORS_RANDOM, RANDOM, ChosenPoses, motors_alone, tuned_setup
+from flexhinf.design.workspace.search import MOTORS_RANDOM, RANDOM, ChosenPoses, motors_alone
 from flexhinf.design.workspace.setup import CHOSEN_SEED, WorkspaceSetup
 from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
 from flexhinf.robot import Robot
@@ -240,7 +241,7 @@ def compare_over_workspace(
     checked = {name: check_numbers(name, table, len(robot.joint_names)) for name, table in stated.items()}
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
-    setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress)
+    setup, _ = found_law(robot, s, stated_workspace(robot, s.workspace), progress)
     rows = [ComparedController(law_kind(DESIGN), judged_design(setup, progress, undamped=False))]
     for name in names:
         kind = law_kind(name)

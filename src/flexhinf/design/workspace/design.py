@@ -14,7 +14,7 @@ from flexhinf.copies import shared_out
 from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import joint_limits
-from flexhinf.design.specification import EXTENDED, TOLERANCE, Specification
+from flexhinf.design.specification import EXTENDED, PROVED, TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import (
@@ -27,6 +27,8 @@ from flexhinf.design.workspace.judgement import (
     standstill_requirement,
 )
 from flexhinf.design.workspace.law_file import stated_workspace
+from flexhinf.design.workspace.preset import found_law, proved_requirement
+from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.samples import (
     FURTHER,
     GOALS,
@@ -36,7 +38,7 @@ from flexhinf.design.workspace.samples import (
     corner_moves,
     sampled_moves,
 )
-from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
+from flexhinf.design.workspace.search import BANDWIDTHS
 from flexhinf.design.workspace.setup import CornerLoop, MoveArguments, WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.robot import Robot, kinematics
@@ -47,6 +49,9 @@ from flexhinf.robot.waypoints import LIMITS
 #: Limits by which loops and moves are judged, and which change neither; margins with which loops are computed.
 JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error", "tracking_error")
 MARGINS = ("gain_margin", "delay_margin")
+
+#: About how often a proof says how far it is.
+PROOF_STEPS = 60
 
 #: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
 Watch = Callable[[Sequence[Requirement]], None]
@@ -86,8 +91,8 @@ def design_workspace(
     """
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
-    setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
-    return judged_design(setup, progress, watch, like, changed)
+    setup, proof = found_law(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
+    return judged_design(setup, progress, watch, like, changed, proof=proof)
 
 
 def judged_design(
@@ -97,12 +102,15 @@ def judged_design(
     like: WorkspaceEvidence | None = None,
     changed: Collection[str] = (),
     undamped: bool = True,
+    proof: WorkspaceProof | None = None,
 ) -> WorkspaceEvidence:
     """Judge a law at poses and in moves that no search uses; parameters as of `design_workspace`.
 
-    `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing.
+    `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing. `proof`: of the
+    preset.
     """
-    s, lines = setup.specification, list[Requirement]()
+    s = setup.specification
+    lines = [] if proof is None else [proved_requirement(proof)]
 
     def begun() -> None:
         watch(lines)
@@ -157,7 +165,7 @@ def judged_design(
         watch(lines)
         lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
     return WorkspaceEvidence(
-        setup, poses, loops, cornered, bare, moves, left_out, sampled, power_on, tuple(lines)
+        setup, poses, loops, cornered, bare, moves, left_out, sampled, power_on, tuple(lines), proof
     )
 
 
@@ -183,6 +191,8 @@ def workspace_stages(robot: Robot, s: Specification) -> list[tuple[str, float]]:
     """How the names begin with which `design_workspace` calls `progress` at most, and parts of its work; the first law
     is often the one."""
     tries = [("gains of the pairs", 0.6), *[("gains of the pairs", 0.3)] * (len(BANDWIDTHS) - 1)]
+    if s.preset == PROVED:
+        tries += [("errors", 1.0)] * 2 + [("proof", 0.02)] * PROOF_STEPS + [("smallest error", 0.5)]
     sampled = [("moves of sampled robots", 0.6)] * bool(sampled_moves(robot, s))
     return [*tries, ("loops", 1.2), ("moves between", 1.1), *sampled]
 

@@ -99,6 +99,7 @@ class WorkspaceEvidence(Judged, Summarised):
     sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
     power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
     requirements: tuple[Requirement, ...]
+    proof: WorkspaceProof | None = None  # of the preset `proved`, for what the file states
 
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, and how many poses and moves were looked at."""

@@ -54,16 +54,26 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
 
 
 def largest_certificate(
-    pairs: SampledPairs, shape: Errors, progress: Callable[[str], None], fixed: Errors = NONE
+    pairs: SampledPairs,
+    shape: Errors,
+    progress: Callable[[str], None],
+    fixed: Errors = NONE,
+    whole: bool = False,
 ) -> tuple[PopovTolerance, Numbers | None]:
-    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of what is proved."""
+    """The computed tolerance of a shape of errors beside fixed ones, and the certificate of what is proved.
+
+    `whole`: where the computed tolerance holds all of the shape, one proof is tried, of all of it or more.
+    """
     progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
     tolerance = popov_tolerance(pairs, shape, fixed=fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
     shares = SPRUNG if max(tolerance.errors.springs) > 0.0 else SHARES
-    for share in shares if tolerance.share > 0.0 else ():
+    parts = [share * tolerance.share for share in shares if tolerance.share > 0.0]
+    if whole and tolerance.share > 1.0:
+        parts = [max(1.0, parts[-1])]
+    for size in parts:
         for part in RATES:
-            errors = fixed.and_share(share * tolerance.share, shape)
+            errors = fixed.and_share(size, shape)
             found = pair_certificate(
                 PairStorages(pairs, errors, tolerance.multipliers, part * slowest).lifted(),
                 lambda done, errors=errors: progress(

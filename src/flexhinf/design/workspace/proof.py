@@ -7,6 +7,8 @@ Without such a proof `flexhinf.modal.stability` says for which pairs the loop wi
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +34,33 @@ from flexhinf.robot import Robot
 
 #: λ at which a report computes a tolerance.
 REPORTED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class FoundErrors:
+    """The errors that a search has found, and whether they hold the file's."""
+
+    stated: StatedErrors
+    tolerance: PopovTolerance
+    numbers: Numbers | None
+
+    @cached_property
+    def checked(self) -> CheckedPairs | None:
+        """What the checker says, of all intervals once more."""
+        found = None if self.numbers is None else check_pairs(pair_claim(self.numbers))
+        return found if isinstance(found, CheckedPairs) else None
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether all that the file states is within what is proved."""
+        return self.checked is not None and self.stated.errors.within(proved_errors(self.checked))
+
+
+def proved_errors(checked: CheckedPairs | None) -> Errors:
+    """The errors of a certificate; none without one."""
+    if checked is None:
+        return NONE
+    return Errors(Sector(checked.lower, checked.upper), Sector(checked.softer, checked.stiffer))
 
 
 class WorkspaceProof(NamedTuple):
@@ -66,10 +95,7 @@ class WorkspaceProof(NamedTuple):
     @property
     def errors(self) -> Errors:
         """What is proved to be tolerated; nothing where no error is."""
-        proved = self.checked
-        if proved is None:
-            return NONE
-        return Errors(Sector(proved.lower, proved.upper), Sector(proved.softer, proved.stiffer))
+        return proved_errors(self.checked)
 
     @property
     def covers_file(self) -> bool:
@@ -104,32 +130,42 @@ def prove_workspace(
     loaded: Robot | None = None,
 ) -> WorkspaceProof:
     """The proof of symmetric errors of masses, beside the file's errors of springs; where these do not hold the file's,
-    of masses in its proportion; where nothing is proved, of a share of all that the file states, and of masses alone.
+    of masses in its proportion, or of all that it states; where nothing is proved, of masses alone.
 
     `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
     """
     pairs, stated = sampled_pairs(setup), stated_errors(setup)
-    progress("smallest error that destabilises")
-    unstable = smallest_unstable(pairs, mixed=len(setup.joints) > 1)
-    stable = proved_stability(setup)
-
-    def proof_of(shape: Errors, fixed: Errors) -> WorkspaceProof:
-        tolerance, numbers = largest_certificate(pairs, shape, progress, fixed)
-        return WorkspaceProof(setup, stated, tolerance, numbers, _checked(numbers), unstable, stable)
-
     masses, springs = Errors(stated.errors.masses), Errors(EXACT, stated.errors.springs)
-    proof = proof_of(SYMMETRIC, springs)
-    if not proof.is_stated and min(masses.masses) < max(masses.masses):
-        second = proof_of(masses, springs)
-        proof = second if second.is_stated or proof.checked is None else proof
-    for shape in (stated.errors, SYMMETRIC) if springs.largest else ():
-        proof = proof if proof.checked is not None else proof_of(shape, NONE)
+    shapes = [(SYMMETRIC, springs)]
+    if min(masses.masses) < max(masses.masses):
+        shapes.append((masses, springs))
+    if springs.largest:
+        shapes.append((stated.errors, NONE))
+    kept = None
+    for shape, fixed in shapes:
+        found = largest_certificate(pairs, shape, progress, fixed, whole=shape is stated.errors)
+        one = FoundErrors(stated, *found)
+        kept = one if kept is None or one.is_stated or kept.checked is None else kept
+        if kept.is_stated:
+            break
+    assert kept is not None
+    if springs.largest and kept.checked is None:
+        kept = FoundErrors(stated, *largest_certificate(pairs, SYMMETRIC, progress))
+    return with_others(setup, kept, progress, loaded)
+
+
+def with_others(
+    setup: WorkspaceSetup,
+    found: FoundErrors,
+    progress: Callable[[str], None] = lambda text: None,
+    loaded: Robot | None = None,
+) -> WorkspaceProof:
+    """The proof with what stands beside the errors that were found; parameters as of `prove_workspace`."""
+    progress("smallest error that destabilises")
+    unstable = smallest_unstable(sampled_pairs(setup), mixed=len(setup.joints) > 1)
+    proof = WorkspaceProof(
+        setup, found.stated, found.tolerance, found.numbers, found.checked, unstable, proved_stability(setup)
+    )
     if proof.checked is None:
         return proof
     return proof._replace(largest=largest_masses(setup, proof.errors.masses, loaded or setup.true.robot))
-
-
-def _checked(numbers: Numbers | None) -> CheckedPairs | None:
-    """What the checker says of the numbers of a file, all of it once more."""
-    found = None if numbers is None else check_pairs(pair_claim(numbers))
-    return found if isinstance(found, CheckedPairs) else None

@@ -80,19 +80,40 @@ def tuned_setup(
 
     `tick` is called before each pose; what it raises ends the search.
     """
+    chosen = fastest_setup(robot, s, workspace, progress, tick, lambda setup: True)
+    assert chosen is not None
+    return chosen
+
+
+def fastest_setup(
+    robot: Robot,
+    s: Specification,
+    workspace: Workspace,
+    progress: Callable[[str], None],
+    tick: Callable[[], None],
+    holds: Callable[[WorkspaceSetup], bool],
+) -> WorkspaceSetup | None:
+    """As `tuned_setup`, of laws of which something else `holds`; None where it does of none. It is asked only of what
+    is nearer to the requirements than all before. A law of which it does not hold is left, with all its estimators."""
     poses = ChosenPoses(robot, s, workspace, 2 if motors_alone(robot, s) else 4, tick)
     chosen, least, faster = None, [np.inf], None
+    left: PairWeights | None = None
     for setup in _candidates(robot, poses.wanted, workspace, progress):
+        if setup.gains.weights == left:
+            continue
         slower = chosen is not None and setup.gains.weights != chosen.gains.weights
         if slower and not any(least[:3]):
             break
         excess = poses.excess(setup, None if chosen is None else least)
-        if excess is not None:
+        if excess is not None and not holds(setup):
+            left = setup.gains.weights
+        elif excess is not None:
             faster = chosen if slower and faster is None and not least[0] else faster
             chosen, least = setup, (LESS * excess).tolist()
         if not any(least):
             break
-    assert chosen is not None
+    if chosen is None:
+        return None
     chosen = replace(chosen, specification=s)
     if faster is None or s.gain_margin is not None:
         return chosen

@@ -1,0 +1,144 @@
+"""The law that a specification asks for: the fastest, or with the preset `proved` the fastest that is proved.
+
+It is proved for the masses, payloads and springs of the robot's tolerances (`flexhinf.design.workspace.proof`). A grid
+judges each candidate in seconds, and only one that it finds to hold all with some room is proved, which takes longer.
+Where that fails, the search goes on to the next one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.specification import PROVED, Specification
+from flexhinf.design.workspace.masses import OF_INERTIA, StatedErrors, stated_errors
+from flexhinf.design.workspace.pair_proof import SPRUNG, largest_certificate
+from flexhinf.design.workspace.proof import (
+    REPORTED,
+    FoundErrors,
+    WorkspaceProof,
+    prove_workspace,
+    sampled_pairs,
+    with_others,
+)
+from flexhinf.design.workspace.search import fastest_setup, tuned_setup
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.errors import refuse_if
+from flexhinf.estimation.modal import has_equal_joints
+from flexhinf.modal.pair import PairWeights
+from flexhinf.modal.popov import popov_tolerance
+from flexhinf.robot import Robot
+from flexhinf.robot.parameters import payload_masses
+from flexhinf.robot.workspace import Workspace
+
+#: How the names begin of quantities whose tolerances are proved.
+OF_PROOF = (*OF_INERTIA, "stiffness")
+
+
+class FoundLaw(NamedTuple):
+    """A law with its estimator, and the proof that was asked for; None without the preset."""
+
+    setup: WorkspaceSetup
+    proof: WorkspaceProof | None
+
+
+def found_law(
+    robot: Robot,
+    s: Specification,
+    workspace: Workspace,
+    progress: Callable[[str], None] = lambda text: None,
+    tick: Callable[[], None] = lambda: None,
+) -> FoundLaw:
+    """The law of a specification; `tick` as of `tuned_setup`.
+
+    Where no law is proved for all that the file states, it is the law that is found without the preset, with what is
+    proved of it.
+    """
+    if s.preset != PROVED:
+        return FoundLaw(tuned_setup(robot, s, workspace, progress, tick), None)
+    check_provable(robot, s)
+    box = _Box(progress)
+    while (setup := fastest_setup(robot, s, workspace, progress, tick, box.holds)) is not None:
+        found = box.proved(setup)
+        if found.is_stated:
+            return FoundLaw(setup, with_others(setup, found, progress))
+        box.left.append(setup.gains.weights)
+    setup = tuned_setup(robot, s, workspace, progress, tick)
+    return FoundLaw(setup, prove_workspace(setup, progress))
+
+
+@dataclass
+class _Box:
+    """The errors that a file states, of which candidates are asked."""
+
+    progress: Callable[[str], None]
+    left: list[PairWeights] = field(default_factory=list)  # laws that were not proved
+    _stated: StatedErrors | None = None  # the same for all candidates
+
+    def _stated_of(self, setup: WorkspaceSetup) -> StatedErrors:
+        self._stated = self._stated or stated_errors(setup)
+        return self._stated
+
+    def holds(self, setup: WorkspaceSetup) -> bool:
+        """Whether a grid finds that all of them are tolerated, with room for a proof."""
+        if setup.gains.weights in self.left:
+            return False
+        self.progress(f"errors that are tolerated at {setup.gains.weights.bandwidth:g} rad/s, computed")
+        found = popov_tolerance(sampled_pairs(setup), self._stated_of(setup).errors, REPORTED)
+        return SPRUNG[0] * found.share >= 1.0
+
+    def proved(self, setup: WorkspaceSetup) -> FoundErrors:
+        """What is proved: all of them, or less."""
+        stated = self._stated_of(setup)
+        found = largest_certificate(sampled_pairs(setup), stated.errors, self.progress, whole=True)
+        return FoundErrors(stated, *found)
+
+
+def check_provable(robot: Robot, s: Specification) -> None:
+    """Refuse, before any work, what no proof holds."""
+    what = "No law can be proved for the tolerances of this robot."
+    refuse_if(
+        not any(p.name.startswith(OF_PROOF) for p in robot.uncertain)
+        and not payload_masses(robot.parameters),
+        what,
+        f"expected a tolerance of a mass, a payload or a stiffness in the file of {robot.name!r}, got none",
+        "tolerance = 5 beside a mass in the robot's file, or no preset",
+    )
+    refuse_if(
+        robot.rigid,
+        what,
+        f"expected elastic joints, got {', '.join(robot.rigid)} without a spring",
+        "a stiffness for every joint, or no preset",
+    )
+    refuse_if(
+        s.unknown_delay,
+        what,
+        f"expected no unknown delay, which no proof holds, got {1e3 * s.unknown_delay:g} ms",
+        "latency=2, which is known, instead of unknown_delay; or no preset",
+    )
+    refuse_if(
+        s.estimator != "none" and not has_equal_joints(robot.plant(s.measured), len(robot.joint_names)),
+        what,
+        f"expected the same sensors at every joint, got {list(s.measured)}",
+        "measured=('link_position',), or no preset",
+    )
+
+
+def proved_requirement(proof: WorkspaceProof) -> Requirement:
+    """The requirement of the preset: the least of what is proved, as a part of what the file states."""
+    pairs = zip(proof.errors.numbers, proof.stated.errors.numbers)
+    part = min((own / needed for own, needed in pairs if needed), default=float(proof.is_stated))
+    return Requirement(
+        "proved part of the file's errors of masses and springs",
+        100.0,
+        100.0 * part,
+        "%",
+        at_most=False,
+        where="small motions about rest, at all poses whose vibrations are in the range",
+        criterion="the least ratio of an error that is proved to be tolerated to the one that the file states",
+        stated_by="--preset proved",
+        field="preset",
+        tolerance=0.0,
+    )
