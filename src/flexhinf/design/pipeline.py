@@ -30,7 +30,7 @@ from flexhinf.design.workspace import comparison as over
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
 from flexhinf.design.workspace.evidence import LoopOverWorkspace, WorkspaceEvidence
 from flexhinf.design.workspace.law_file import stated_workspace
-from flexhinf.design.workspace.preset import found_law
+from flexhinf.design.workspace.preset import selected_law
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
@@ -194,7 +194,7 @@ def design(
 def loop_of(robot: Robot, s: Specification, progress: Progress = lambda text: None) -> DesignedLoop:
     """The loop of a design that is not judged."""
     if is_for_workspace(s):
-        return LoopOverWorkspace(found_law(robot, s, stated_workspace(robot, s.workspace), progress).setup)
+        return LoopOverWorkspace(selected_law(robot, s, stated_workspace(robot, s.workspace), progress).setup)
     synthesis = steps.synthesise(robot, s, progress)
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     linear = LawEvaluation(DESIGN, setup)

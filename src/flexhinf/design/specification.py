@@ -231,8 +231,8 @@ class Specification(StatedRepr):
         default="the unit of the poses")
     preset: PresetName | None = option(None, SEARCH,
         "Where the weights come from: paper (the robot's file), damped (searched for bandwidth and damping), "
-        "robust (searched on the running loop for its tolerances too), proved (proved for all tolerances: of one joint "
-        "the first candidate, by rising gain; for a workspace the fastest law).",
+        "robust (searched on the running loop for its tolerances too), proved (proved for all tolerances). Of one "
+        "joint it takes the smallest gain; for a workspace the fastest law.",
         "damped", default="the robot's own weights, or damped where a bandwidth or a damping is required")
     bandwidth: options.Frequencies | None = option(None, LOOP,
         "Least bandwidth: 4 (rad/s), 0.6Hz, or one per joint 4,6. A design with it is of one pose, and not for a "

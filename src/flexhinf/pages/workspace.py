@@ -54,12 +54,12 @@ from flexhinf.pages.workspace_proof import (
     stability_text,
 )
 from flexhinf.pages.workspace_summary import (
-    asked_proof_text,
     columns_of,
     estimates_text,
     key_numbers,
     margin_text,
     missed_text,
+    preset_proof_text,
     range_of,
     requirements_with_margins,
     scope_text,
@@ -192,7 +192,7 @@ def _proof_statuses(design: WorkspaceEvidence) -> list[Status]:
         return [Status("not proved", f"{tested} {stability_text(design.setup, design.robustness.proved)}")]
     held = f" It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else ""
     kind = "proved" if proof.covers_file else "not proved"
-    own = Status(kind, f"{asked_proof_text(design)}{held}")
+    own = Status(kind, f"{preset_proof_text(design)}{held}")
     return [
         own,
         Status("not proved", f"Moves, noise and limits of inputs: {tested.lower()} {others_text(proof)}"),

@@ -73,7 +73,7 @@ def workspace_verdict(design: WorkspaceEvidence) -> str:
         filter(
             None,
             (
-                asked_proof_text(design),
+                preset_proof_text(design),
                 f"Not met: {missed}." if missed else "Every requirement is met.",
                 estimates_text(design.robot),
                 scope_text(design),
@@ -82,7 +82,7 @@ def workspace_verdict(design: WorkspaceEvidence) -> str:
     )
 
 
-def asked_proof_text(design: WorkspaceEvidence) -> str:
+def preset_proof_text(design: WorkspaceEvidence) -> str:
     """What is proved, where that was asked for, and how the law was chosen; "" otherwise."""
     if design.proof is None:
         return ""
@@ -288,7 +288,7 @@ def workspace_ending(design: WorkspaceEvidence, advice: Advice | None = None) ->
     """What a terminal says at the end: what is met, the worst numbers, what was tried and what to check."""
     worst = f"At worst: {numbers_text(key_numbers(design))}."
     parts = (
-        asked_proof_text(design),
+        preset_proof_text(design),
         f"{requirements_text(design.requirements)} {estimates_text(design.robot)} {scope_text(design)}",
         f"{worst} {vibration_text(design)}",
         cause_text(design),

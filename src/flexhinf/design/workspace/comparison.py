@@ -26,7 +26,7 @@ from flexhinf.design.workspace.design import check_loop, judged_design
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import missed_by, move_requirements
 from flexhinf.design.workspace.law_file import stated_workspace
-from flexhinf.design.workspace.preset import found_law
+from flexhinf.design.workspace.preset import selected_law
 from flexhinf.design.workspace.rivals import check_numbers, home_bandwidths, rival_law
 from flexhinf.design.workspace.search import MOTORS_RANDOM, RANDOM, ChosenPoses, motors_alone
 from flexhinf.design.workspace.setup import CHOSEN_SEED, WorkspaceSetup
@@ -241,7 +241,7 @@ def compare_over_workspace(
     checked = {name: check_numbers(name, table, len(robot.joint_names)) for name, table in stated.items()}
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
-    setup, _ = found_law(robot, s, stated_workspace(robot, s.workspace), progress)
+    setup, _ = selected_law(robot, s, stated_workspace(robot, s.workspace), progress)
     rows = [ComparedController(law_kind(DESIGN), judged_design(setup, progress, undamped=False))]
     for name in names:
         kind = law_kind(name)

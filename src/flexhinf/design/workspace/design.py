@@ -27,7 +27,7 @@ from flexhinf.design.workspace.judgement import (
     standstill_requirement,
 )
 from flexhinf.design.workspace.law_file import stated_workspace
-from flexhinf.design.workspace.preset import found_law, proved_requirement
+from flexhinf.design.workspace.preset import proved_requirement, selected_law
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.samples import (
     FURTHER,
@@ -91,7 +91,7 @@ def design_workspace(
     """
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
-    setup, proof = found_law(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
+    setup, proof = selected_law(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
     return judged_design(setup, progress, watch, like, changed, proof=proof)
 
 

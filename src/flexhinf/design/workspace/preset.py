@@ -17,7 +17,7 @@ from flexhinf.design.workspace.masses import OF_INERTIA, StatedErrors, stated_er
 from flexhinf.design.workspace.pair_proof import SPRUNG, largest_certificate
 from flexhinf.design.workspace.proof import (
     REPORTED,
-    FoundErrors,
+    CertifiedErrors,
     WorkspaceProof,
     prove_workspace,
     sampled_pairs,
@@ -37,36 +37,36 @@ from flexhinf.robot.workspace import Workspace
 OF_PROOF = (*OF_INERTIA, "stiffness")
 
 
-class FoundLaw(NamedTuple):
+class SelectedLaw(NamedTuple):
     """A law with its estimator, and the proof that was asked for; None without the preset."""
 
     setup: WorkspaceSetup
     proof: WorkspaceProof | None
 
 
-def found_law(
+def selected_law(
     robot: Robot,
     s: Specification,
     workspace: Workspace,
     progress: Callable[[str], None] = lambda text: None,
     tick: Callable[[], None] = lambda: None,
-) -> FoundLaw:
+) -> SelectedLaw:
     """The law of a specification; `tick` as of `tuned_setup`.
 
     Where no law is proved for all that the file states, it is the law that is found without the preset, with what is
     proved of it.
     """
     if s.preset != PROVED:
-        return FoundLaw(tuned_setup(robot, s, workspace, progress, tick), None)
+        return SelectedLaw(tuned_setup(robot, s, workspace, progress, tick), None)
     check_provable(robot, s)
     box = _Box(progress)
-    while (setup := fastest_setup(robot, s, workspace, progress, tick, box.holds)) is not None:
+    while (setup := fastest_setup(robot, s, workspace, progress, tick, box.is_tolerated)) is not None:
         found = box.proved(setup)
         if found.is_stated:
-            return FoundLaw(setup, with_others(setup, found, progress))
+            return SelectedLaw(setup, with_others(setup, found, progress))
         box.left.append(setup.gains.weights)
     setup = tuned_setup(robot, s, workspace, progress, tick)
-    return FoundLaw(setup, prove_workspace(setup, progress))
+    return SelectedLaw(setup, prove_workspace(setup, progress))
 
 
 @dataclass
@@ -81,7 +81,7 @@ class _Box:
         self._stated = self._stated or stated_errors(setup)
         return self._stated
 
-    def holds(self, setup: WorkspaceSetup) -> bool:
+    def is_tolerated(self, setup: WorkspaceSetup) -> bool:
         """Whether a grid finds that all of them are tolerated, with room for a proof."""
         if setup.gains.weights in self.left:
             return False
@@ -89,11 +89,11 @@ class _Box:
         found = popov_tolerance(sampled_pairs(setup), self._stated_of(setup).errors, REPORTED)
         return SPRUNG[0] * found.share >= 1.0
 
-    def proved(self, setup: WorkspaceSetup) -> FoundErrors:
+    def proved(self, setup: WorkspaceSetup) -> CertifiedErrors:
         """What is proved: all of them, or less."""
         stated = self._stated_of(setup)
         found = largest_certificate(sampled_pairs(setup), stated.errors, self.progress, whole=True)
-        return FoundErrors(stated, *found)
+        return CertifiedErrors(stated, *found)
 
 
 def check_provable(robot: Robot, s: Specification) -> None:

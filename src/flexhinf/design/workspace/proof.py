@@ -37,7 +37,7 @@ REPORTED = 12
 
 
 @dataclass(frozen=True, eq=False)
-class FoundErrors:
+class CertifiedErrors:
     """The errors that a search has found, and whether they hold the file's."""
 
     stated: StatedErrors
@@ -144,19 +144,19 @@ def prove_workspace(
     kept = None
     for shape, fixed in shapes:
         found = largest_certificate(pairs, shape, progress, fixed, whole=shape is stated.errors)
-        one = FoundErrors(stated, *found)
+        one = CertifiedErrors(stated, *found)
         kept = one if kept is None or one.is_stated or kept.checked is None else kept
         if kept.is_stated:
             break
     assert kept is not None
     if springs.largest and kept.checked is None:
-        kept = FoundErrors(stated, *largest_certificate(pairs, SYMMETRIC, progress))
+        kept = CertifiedErrors(stated, *largest_certificate(pairs, SYMMETRIC, progress))
     return with_others(setup, kept, progress, loaded)
 
 
 def with_others(
     setup: WorkspaceSetup,
-    found: FoundErrors,
+    found: CertifiedErrors,
     progress: Callable[[str], None] = lambda text: None,
     loaded: Robot | None = None,
 ) -> WorkspaceProof:

@@ -91,10 +91,13 @@ def fastest_setup(
     workspace: Workspace,
     progress: Callable[[str], None],
     tick: Callable[[], None],
-    holds: Callable[[WorkspaceSetup], bool],
+    is_tolerated: Callable[[WorkspaceSetup], bool],
 ) -> WorkspaceSetup | None:
-    """As `tuned_setup`, of laws of which something else `holds`; None where it does of none. It is asked only of what
-    is nearer to the requirements than all before. A law of which it does not hold is left, with all its estimators."""
+    """As `tuned_setup`, of laws of which something is tolerated; None where there is none.
+
+    `is_tolerated` is asked only of what is nearer to the requirements than all before. A law of which it is not is
+    left, with all its estimators.
+    """
     poses = ChosenPoses(robot, s, workspace, 2 if motors_alone(robot, s) else 4, tick)
     chosen, least, faster = None, [np.inf], None
     left: PairWeights | None = None
@@ -105,7 +108,7 @@ def fastest_setup(
         if slower and not any(least[:3]):
             break
         excess = poses.excess(setup, None if chosen is None else least)
-        if excess is not None and not holds(setup):
+        if excess is not None and not is_tolerated(setup):
             left = setup.gains.weights
         elif excess is not None:
             faster = chosen if slower and faster is None and not least[0] else faster
