@@ -244,7 +244,7 @@ def _check(robot: Robot, s: Specification) -> None:
         len(robot.joint_names) != 1,
         "A step is proved for robots of one joint.",
         f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}",
-        "preset='robust'",
+        "preset='robust', or no pose, for a law that is proved for a workspace",
     )
 
 

@@ -116,7 +116,7 @@ def check_provable(robot: Robot, s: Specification) -> None:
         s.unknown_delay,
         what,
         f"expected no unknown delay, which no proof holds, got {1e3 * s.unknown_delay:g} ms",
-        "latency=2, which is known, instead of unknown_delay; or no preset",
+        "latency=2, which is known, or no preset",
     )
     refuse_if(
         s.estimator != "none" and not has_equal_joints(robot.plant(s.measured), len(robot.joint_names)),
