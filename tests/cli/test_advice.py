@@ -64,7 +64,7 @@ def test_advice_on_an_option_works(
     def started(*arguments: object) -> None:
         raise Started
 
-    monkeypatch.setattr(design, "tuned_setup", started)
+    monkeypatch.setattr(design, "selected_law", started)
     monkeypatch.setattr(steps._Steps, "synthesis", started)
     (folder / "arm.toml").write_text(CURRENT, encoding="utf-8")
     told: list[str] = []
@@ -91,7 +91,7 @@ def test_advice_on_a_folder_of_another_kind_works(
         raise Started
 
     for room in (design, pipeline):
-        monkeypatch.setattr(room, "tuned_setup", started)
+        monkeypatch.setattr(room, "selected_law", started)
     monkeypatch.setattr(steps._Steps, "synthesis", started)
     one = f"[[joint]]{CURRENT.split('[[joint]]')[1]}"
     loose = one.replace("stiffness = 800.0", "stiffness = {value = 800.0, tolerance = 10}")
