@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -187,6 +189,37 @@ def test_a_design_states_sensors_noises_and_latency(
     assert numbers["filter"]["period_s"] == 1e-3
     np.testing.assert_allclose(np.diag(numbers["filter"]["process_noise"]), [0, 1e-9, 0, 1e-9])
     assert list(numbers["outputs"]) == ["motor_position"]
+
+
+@pytest.mark.ci("three commands over one log, each with a page")
+@pytest.mark.usefixtures("unoptimised")
+def test_pages_of_a_log_show_angles_as_those_of_its_design_do(run: Any, folder: Path) -> None:
+    """A goal in degrees: no page has an angle or its rate in rad, and the tables of numbers stay as they are."""
+    run.save(folder / "run.csv")
+    (folder / "design.toml").write_text('[design]\nrobot = "paper"\npose = "90deg"\n', encoding="utf-8")
+    shared = [
+        "run.csv",
+        "--robot",
+        "design.toml",
+        "--measured",
+        "motor_position,link_position",
+        "--latency",
+        "1",
+    ]
+    bounds = ["--bounds", "link_velocity=-2000deg/s..2000deg/s"]
+    for command, *more in (
+        ["estimate", *bounds],
+        ["identify", "--parameters", "stiffness", "--no-simulate"],
+        ["check", "--no-model"],
+    ):
+        assert main([command, *shared, *more, "--out", command]) == 0
+        page = (folder / command / "index.html").read_text(encoding="utf-8")
+        shown = html.unescape(re.sub(r"<(script|style)\b.*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL))
+        assert "°" in shown
+        # N·m/rad are of the robot's file; options are as they were stated
+        assert re.findall(r".{0,40}(?<![/\w])[mµ]?rad\b.{0,9}", shown) == [], command
+    with (folder / "estimate" / "estimate.csv").open(encoding="utf-8", newline="") as file:
+        assert "estimate.link_position [rad]" in next(csv.reader(file))
 
 
 @pytest.mark.parametrize(

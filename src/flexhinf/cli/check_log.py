@@ -11,7 +11,7 @@ import typer
 import flexhinf as fh
 from flexhinf import pages, report
 from flexhinf.cli.arguments import read_source, reproduce_command, stated_fields
-from flexhinf.cli.logs import read_stated, stated_columns, stated_late, stated_robot
+from flexhinf.cli.logs import in_degrees, read_stated, stated_columns, stated_late, stated_robot
 from flexhinf.cli.messages import options, show, step_progress
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import Finding, worst
@@ -47,7 +47,13 @@ def check_log(context: typer.Context, o: options.CheckOptions) -> int:
             findings = fh.examine(log, robot, o.model, stated_late(o, plant, latency))
         if folder is not None:
             page = pages.checked_log_page(
-                o.log.name, robot, log, findings, reproduce_command(context), request.warnings
+                o.log.name,
+                robot,
+                log,
+                findings,
+                reproduce_command(context),
+                request.warnings,
+                in_degrees(request),
             )
             report.write(folder, pages.checked_log_files(page, findings))
     return concluded(pages.checked_log_ending(findings), findings, folder)

@@ -75,7 +75,9 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
         judged = fh.consistency(data)
         late = stated_late(o, plant, latency)
         findings = fh.examine(log, request.robot, not judged.innovations_fit, late)
-        result = pages.FilteredLog(request.robot, log, filter, data, judged, sources, findings)
+        result = pages.FilteredLog(
+            request.robot, log, filter, data, judged, sources, findings, in_degrees(request)
+        )
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
         files = pages.estimate_files(result, reproduce_command(context), [*request.warnings, *notes], o.table)
@@ -83,6 +85,11 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     ending = pages.estimate_ending(result, [text.replace("`", "") for text in notes])
     show(ending.tables)
     typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
+
+
+def in_degrees(request: DesignRequest) -> bool:
+    """Whether the robot is that of a design whose pages show angles in degrees: those of its logs do too."""
+    return request.file is not None and request.specification.in_degrees
 
 
 def stated_robot(o: options.LogOptions) -> str:
@@ -160,7 +167,9 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
             )
         }
         findings = fh.examine(log, robot, model=False)
-        filtered = pages.FilteredLog(found.robot, log, filter, data, found.consistency, sources, findings)
+        filtered = pages.FilteredLog(
+            found.robot, log, filter, data, found.consistency, sources, findings, in_degrees(request)
+        )
         progress("motion")
         motion = None
         if found.unidentifiable:

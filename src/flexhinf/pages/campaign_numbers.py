@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 
@@ -11,6 +10,7 @@ import numpy as np
 from flexhinf.campaign import CampaignJudgement, Interval, Requirement
 from flexhinf.campaign.batches import PART
 from flexhinf.numerals import number, number_text
+from flexhinf.pages.drawing import display_scale
 from flexhinf.robot.signals import UNITS
 
 #: Labels of metrics in sentences; others are written with spaces.
@@ -31,9 +31,6 @@ METRIC_LABELS = {
 
 #: Angles, rad, and distances, m, below this are shown in mrad and mm.
 SMALL = 0.1
-
-#: Units of angles and their rates in degrees.
-DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s²": "°/s²"}
 
 #: Settings that only tell two campaigns apart.
 DIGESTS = {"first sample", "short run", "controller", "plant"}
@@ -90,11 +87,6 @@ def setting_rows(judged: CampaignJudgement) -> Iterator[tuple[str, object, str]]
             text = ", ".join(re.findall(r"'([^']*)'", value)) if value.startswith("['") else value
             text = re.sub(r" 1(?= ±|$)", "", text) if "robot " in name else text  # the unit of a ratio
             yield name, text, "s" if name in ("duration", "period") else ""
-
-
-def display_scale(unit: str, degrees: bool) -> tuple[float, str]:
-    """Factor and unit in which numbers of a unit are shown: angles and their rates in `degrees` if stated."""
-    return (math.degrees(1.0), DEGREES[unit]) if degrees and unit in DEGREES else (1.0, unit)
 
 
 def value_text(value: float, unit: str, degrees: bool = False) -> str:

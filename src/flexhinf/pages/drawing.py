@@ -84,6 +84,30 @@ def reference_line(axes: Axes, value: float = 0.0) -> None:
     axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
 
 
+#: Powers of ten of units that have a prefix, and the units that take one.
+PREFIXES, PREFIXED = {-9: "n", -6: "µ", 6: "M"}, {"rad", "m", "V", "A", "N"}
+
+#: Beyond these sizes Matplotlib would write a power of ten above an axis, where nobody reads it.
+TINY, HUGE = 2e-4, 1e6
+
+
+def unit_beside(axes: Axes, unit: str) -> str:
+    """The unit for the name of a vertical axis, with a prefix or a power of ten where its numbers are tiny or huge."""
+    from matplotlib.ticker import ScalarFormatter
+
+    size = max(map(abs, axes.get_ylim()))
+    if axes.get_yscale() != "linear" or TINY <= size < HUGE or not 0.0 < size < math.inf:
+        return unit
+    power = 3 * math.floor(math.log10(size) / 3.0)
+    numbers = ScalarFormatter(useOffset=False)
+    numbers.set_powerlimits((power, power))
+    axes.yaxis.set_major_formatter(numbers)
+    axes.yaxis.get_offset_text().set_visible(False)  # the unit has it
+    if power in PREFIXES and re.split("[/·]", unit)[0] in PREFIXED:
+        return f"{PREFIXES[power]}{unit}"
+    return f"{number(10.0**power, 1).removeprefix('1·')} {unit}".rstrip()
+
+
 class Line(NamedTuple):
     """A line of a panel: its points, its name in the legend, and how Matplotlib draws it."""
 
@@ -132,7 +156,7 @@ class Panel:
             axes.set_ylim(max(low, high - self.depth), high)
         if self.also is not None:
             self.also(axes)
-        label(axes, self.quantity, self.unit)
+        label(axes, self.quantity, unit_beside(axes, self.unit))
 
 
 @house_style()
@@ -273,6 +297,32 @@ def first_screen(
         for part in sections
     ]
     return lead, [part for part in left if part.blocks]
+
+
+#: Units of angles and their rates in degrees.
+DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s²": "°/s²"}
+
+
+def display_scale(unit: str, degrees: bool) -> tuple[float, str]:
+    """Factor and unit in which numbers of a unit are shown: angles and their rates in `degrees` if stated."""
+    return (math.degrees(1.0), DEGREES[unit]) if degrees and unit in DEGREES else (1.0, unit)
+
+
+@dataclass(frozen=True, eq=False)
+class SignalUnits:
+    """Units in which a page shows the signals of a plant, by their names: angles in `degrees` if stated."""
+
+    plant: Plant
+    degrees: bool = False
+
+    def of(self, name: str) -> tuple[float, str]:
+        """Factor and unit of a signal, that of its values in the plant's unit."""
+        return display_scale(self.plant.unit(name), self.degrees)
+
+    def text(self, name: str, value: float, digits: int = 3) -> str:
+        """A value of a signal, in the plant's unit, as it is shown."""
+        scale, unit = self.of(name)
+        return number_text(scale * value, unit, digits)
 
 
 #: Changes of a robot within its tolerances that are listed, the largest first.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.identification.consistency import SMALL_CORRELATION, OutputConsistency
-from flexhinf.numerals import number
+from flexhinf.numerals import number, number_text
 from flexhinf.pages.drawing import Blocks, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate_figures import (
     BAND,
@@ -155,14 +155,13 @@ def innovation_table(result: FilteredLog) -> Table:
     rows = []
     for output in result.judged.outputs:
         test = output.whiteness
-        unit = f" {output.unit}" if output.unit else ""
         fits = 1.0 / 1.1 < output.factor < 1.1
         rows.append(
             (
                 signal_label(output.name),
                 output.samples,
-                f"{number(output.rms, 3)}{unit}",
-                f"{number(output.expected, 3)}{unit}",
+                result.units.text(output.name, output.rms),
+                result.units.text(output.name, output.expected),
                 Cell(number(output.factor, 3), "green" if fits else "yellow"),
                 f"{number(100.0 * output.inside, 3)} %",
                 None if test is None else number(test.correlations[0], 2),
@@ -210,10 +209,13 @@ def log_table(result: FilteredLog) -> Table:
         ("measured", plant.outputs, log.outputs),
     ):
         for name, column in zip(names, values.T):
-            known, unit = column[np.isfinite(column)], plant.unit(name)
-            ends = f"{number(float(known.min()), 3)} to {number(float(known.max()), 3)} {unit}".rstrip()
+            (scale, unit), known = result.units.of(name), column[np.isfinite(column)]
+            low, high = (
+                number(scale * float(known.min()), 3),
+                number_text(scale * float(known.max()), unit, 3),
+            )
             part = "" if len(known) == len(log) else f", in {len(known)} of {len(log)} samples"
-            rows.append((f"{kind}: {signal_label(name)}", f"{ends}{part}"))
+            rows.append((f"{kind}: {signal_label(name)}", f"{low} to {high}{part}"))
     return Table(("", "in the log"), rows, f"The log {log.source}", "table-log", stacks=True)
 
 
@@ -272,12 +274,14 @@ def _filter_rows(result: FilteredLog) -> list[tuple[Any, ...]]:
         ("Rⁿ, diagonal", np.diag(noise).tolist(), "", sources["measurement noise"]),
         *((("gate", filter.gate, "", "option --gate"),) if filter.gate is not None else ()),
         *(
-            (f"bounds of {signal_label(name)}", list(ends), filter.plant.unit(name), "option --bounds")
+            (f"bounds of {signal_label(name)}", [scale * end for end in ends], unit, "option --bounds")
             for name, ends in filter.bounds.items()
+            for scale, unit in (result.units.of(name),)
         ),
         *(
-            (f"first {signal_label(name)}", float(value), filter.plant.unit(name), "the first measurement")
+            (f"first {signal_label(name)}", scale * float(value), unit, "the first measurement")
             for name, value in start
+            for scale, unit in (result.units.of(name),)
         ),
     ]
 

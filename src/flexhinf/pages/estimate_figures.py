@@ -12,7 +12,7 @@ from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.identification import Log, LogFinding
 from flexhinf.identification.consistency import CONFIDENCE, DEVIATIONS, Consistency, OutputConsistency
 from flexhinf.numerals import number
-from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, thin
+from flexhinf.pages.drawing import Blocks, Line, Panel, SignalUnits, draw_figure, listed, thin
 from flexhinf.report import INK, MUTED, SERIES, legend
 from flexhinf.robot import Robot
 
@@ -38,6 +38,7 @@ class FilteredLog:
 
     `data`: as `filter_log` returns it. `judged`: its `consistency`. `sources`: who states the period, R^v and R^n, by
     "period", "process noise" and "measurement noise". `findings`: what the log shows of itself, as `examine` says.
+    `degrees`: whether the page shows angles in degrees, as that of a design does; files stay in the plant's units.
     """
 
     robot: Robot
@@ -47,6 +48,12 @@ class FilteredLog:
     judged: Consistency
     sources: Mapping[str, str]
     findings: Sequence[LogFinding] = ()
+    degrees: bool = False
+
+    @property
+    def units(self) -> SignalUnits:
+        """The units of the signals on the page."""
+        return SignalUnits(self.filter.plant, self.degrees)
 
     @property
     def name(self) -> str:
@@ -94,9 +101,10 @@ def _window(values: np.ndarray, low: float = 0.0) -> tuple[float, float] | None:
 def _signal_panels(result: FilteredLog, part: slice) -> list[Panel]:
     data, panels = result.data, []
     time = data["time"].values[part]
-    for k, (name, unit) in enumerate(zip(data["output_name"].values, data["output_unit"].values)):
-        y, predicted = result.log.outputs[part, k], data["prediction"].values[part, k]
-        deviation = data["innovation_standard_deviation"].values[part, k]
+    for k, name in enumerate(map(str, data["output_name"].values)):
+        scale, unit = result.units.of(name)
+        y, predicted = scale * result.log.outputs[part, k], scale * data["prediction"].values[part, k]
+        deviation = scale * data["innovation_standard_deviation"].values[part, k]
         known = np.isfinite(deviation)
         few = thin(time[known])
         lines = [
@@ -108,7 +116,7 @@ def _signal_panels(result: FilteredLog, part: slice) -> list[Panel]:
             [y[known], predicted, (predicted + 2.0 * deviation)[seen], (predicted - 2.0 * deviation)[seen]]
         )
         band = _band(time[known], predicted[known], deviation[known], SERIES[0])
-        panels.append(Panel(signal_label(str(name)), str(unit), lines, y=_window(ends), also=band))
+        panels.append(Panel(signal_label(name), unit, lines, y=_window(ends), also=band))
     return panels
 
 
@@ -161,10 +169,9 @@ def innovation_blocks(result: FilteredLog) -> Blocks:
     data, panels, related = result.data, [], []
     time = data["time"].values
     for k, output in enumerate(result.judged.outputs):
-        values, deviation = (
-            data["innovation"].values[:, k],
-            data["innovation_standard_deviation"].values[:, k],
-        )
+        scale, unit = result.units.of(output.name)
+        values = scale * data["innovation"].values[:, k]
+        deviation = scale * data["innovation_standard_deviation"].values[:, k]
         known = np.isfinite(values)
         t, v, d = time[known], values[known], deviation[known]
         few = thin(t)
@@ -173,7 +180,7 @@ def innovation_blocks(result: FilteredLog) -> Blocks:
         panels.append(
             Panel(
                 signal_label(output.name),
-                output.unit,
+                unit,
                 [Line(t[few], v[few], "innovation", {**_DOTS, "color": SERIES[0]})],
                 (0.0,),
                 y=(-1.08 * size, 1.08 * size),
@@ -269,26 +276,28 @@ def estimate_blocks(result: FilteredLog) -> Blocks:
     time, plant, truth = data["time"].values, result.filter.plant, result.log.truth
     few, smoothed = thin(time), "smoothed" in data
     for k, name in enumerate(plant.states):
-        estimate, deviation = data["estimate"].values[:, k], data["standard_deviation"].values[:, k]
+        scale, unit = result.units.of(name)
+        estimate = scale * data["estimate"].values[:, k]
+        deviation = scale * data["standard_deviation"].values[:, k]
         lines, seen = [], [estimate]
         if name in plant.outputs:
-            y = result.log.outputs[:, plant.outputs.index(name)]
+            y = scale * result.log.outputs[:, plant.outputs.index(name)]
             known = np.isfinite(y)
             lines.append(Line(time[known][thin(time[known])], y[known][thin(time[known])], "measured", _DOTS))
             seen.append(y)
         lines.append(Line(time[few], estimate[few], "estimate", _LINE))
         if smoothed:
-            best = data["smoothed"].values[:, k]
+            best = scale * data["smoothed"].values[:, k]
             lines.append(Line(time[few], best[few], "smoothed", {"color": SERIES[2], "linewidth": 1.3}))
         if truth is not None and np.isfinite(truth[:, k]).any():
             style = {"color": SERIES[1], "linewidth": 1.3, "dashes": (3.0, 2.0)}
-            lines.append(Line(time[few], truth[few, k], "true", style))
-            seen.append(truth[:, k])
+            lines.append(Line(time[few], scale * truth[few, k], "true", style))
+            seen.append(scale * truth[:, k])
         usual = 2.0 * float(np.median(deviation))
         panels.append(
             Panel(
                 signal_label(name),
-                plant.unit(name),
+                unit,
                 lines,
                 y=_window(np.concatenate(seen), usual),
                 also=_band(time, estimate, deviation, SERIES[0]),
@@ -325,15 +334,16 @@ def _error_panels(result: FilteredLog, truth: np.ndarray) -> list[Panel]:
         known = np.isfinite(truth[:, k])
         if not known.any():
             continue
-        time, deviation = data["time"].values[known], data["standard_deviation"].values[known, k]
-        error = truth[known, k] - data["estimate"].values[known, k]
+        (scale, unit), time = result.units.of(name), data["time"].values[known]
+        deviation = scale * data["standard_deviation"].values[known, k]
+        error = scale * (truth[known, k] - data["estimate"].values[known, k])
         few = thin(time)
         usual = 1.3 * DEVIATIONS * float(np.median(deviation))
         size = max(usual, 1.1 * float(np.quantile(np.abs(error), 0.99)))
         panels.append(
             Panel(
                 signal_label(name),
-                plant.unit(name),
+                unit,
                 [Line(time[few], error[few], "error", _LINE)],
                 (0.0,),
                 y=(-size, size),

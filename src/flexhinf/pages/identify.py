@@ -17,7 +17,17 @@ from flexhinf.identification.explanations import HYSTERESIS, Explanation, believ
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
 from flexhinf.numerals import ends_text, estimate_text, number, number_text
-from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, first_screen, listed, note, with_figures
+from flexhinf.pages.drawing import (
+    Blocks,
+    Line,
+    Panel,
+    display_scale,
+    draw_figure,
+    first_screen,
+    listed,
+    note,
+    with_figures,
+)
 from flexhinf.pages.estimate import (
     FilteredLog,
     innovation_numbers,
@@ -299,11 +309,12 @@ def noise_table(result: IdentifiedRobot) -> Table:
     found, rows = result.found, []
     for name, level in found.noise.items():
         measured = name in found.plant.outputs
+        scale, unit = display_scale(found.noise_units[name], result.filtered.degrees)
         rows.append(
             (
                 signal_label(name),
                 "measurement" if measured else "disturbance",
-                f"{number(level, 3)} {found.noise_units[name]}".rstrip(),
+                number_text(scale * level, unit, 3),
             )
         )
     return Table(
@@ -406,14 +417,14 @@ def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Blocks:
         f"No motion tells this: {each.text}. State one of these numbers." for each in motion.unidentifiable
     ]
     yield note(" ".join(texts))
-    units = result.stated.links.position_units
+    units = [display_scale(unit, result.filtered.degrees) for unit in result.stated.links.position_units]
     panels = [
         Panel(
             f"position of {name}",
             unit,
-            [Line(motion.times, column, "", {"color": SERIES[0], "linewidth": 1.3})],
+            [Line(motion.times, scale * column, "", {"color": SERIES[0], "linewidth": 1.3})],
         )
-        for name, unit, column in zip(result.stated.joint_names, units, motion.positions.T)
+        for name, (scale, unit), column in zip(result.stated.joint_names, units, motion.positions.T)
     ]
     says = "Link positions of the proposed motion, within limits."
     yield lambda: draw_figure("motion", panels[:4], says, "Proposed motion")

@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.findings import above_note, worst
 from flexhinf.identification import Log, LogFinding
 from flexhinf.numerals import number_text
-from flexhinf.pages.drawing import Line, Panel, draw_figure, listed, note, thin
+from flexhinf.pages.drawing import Line, Panel, SignalUnits, draw_figure, listed, note, thin
 from flexhinf.pages.estimate_figures import MOST_PANELS, signal_label
 from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
 from flexhinf.pages.terminal import Ending, wrapped
@@ -111,8 +111,10 @@ def checked_log_page(
     findings: Sequence[LogFinding],
     command: Sequence[str],
     warnings: Sequence[str] = (),
+    degrees: bool = False,
 ) -> Page:
-    """The page of a log that was checked; `log` is None where it could not be read."""
+    """The page of a log that was checked; `log` is None where it could not be read. Its figure shows angles in
+    `degrees` if stated."""
     size = "a log that cannot be read"
     keys = []
     if log is not None:
@@ -126,7 +128,7 @@ def checked_log_page(
     verdict = checked_verdict(findings)
     sections = [finding_section(findings)]
     with house_style():
-        lead = [] if log is None else [_signals(log, robot, findings)]
+        lead = [] if log is None else [_signals(log, robot, findings, degrees)]
     if warnings:
         sections.append(Section("The robot's file", tuple(note(text) for text in warnings), "robot"))
     return Page(
@@ -143,9 +145,9 @@ def checked_log_page(
     )
 
 
-def _signals(log: Log, robot: Robot, findings: Sequence[LogFinding]) -> Figure:
+def _signals(log: Log, robot: Robot, findings: Sequence[LogFinding], degrees: bool) -> Figure:
     """The signals of a log, those with findings first, with the rows of these."""
-    plant = robot.plant(log.names.get("output", ()))
+    units = SignalUnits(robot.plant(log.names.get("output", ())), degrees)
     tables = {
         name: values
         for kind, table in (("output", log.outputs), ("input", log.inputs))
@@ -155,16 +157,15 @@ def _signals(log: Log, robot: Robot, findings: Sequence[LogFinding]) -> Figure:
     order = [*(name for name in named if name in tables), *(name for name in tables if name not in named)]
     panels = []
     for name in order[:MOST_PANELS]:
-        few = thin(log.times)
-        lines = [
-            Line(log.times[few], tables[name][few], "in the log", {"color": SERIES[0], "linewidth": 1.2})
-        ]
+        (scale, unit), few = units.of(name), thin(log.times)
+        values = scale * tables[name]
+        lines = [Line(log.times[few], values[few], "in the log", {"color": SERIES[0], "linewidth": 1.2})]
         for finding in above_note(findings):
             if finding.rows is not None and finding.signal in (name, "time"):
                 ends = np.clip(finding.rows, 0, len(log) - 1)
                 mark = {"color": INK, "linestyle": "", "marker": "o", "markersize": 4.0}
-                lines.append(Line(log.times[ends], tables[name][ends], finding.kind, mark))
-        panels.append(Panel(signal_label(name), plant.unit(name), lines))
+                lines.append(Line(log.times[ends], values[ends], finding.kind, mark))
+        panels.append(Panel(signal_label(name), unit, lines))
     marked = any(len(panel.lines) > 1 for panel in panels)
     left = f" Drawn: {len(panels)} of {len(order)} signals." if len(order) > len(panels) else ""
     caption = f"As they stand in the log.{' Dots: first and last row of a finding.' * marked}{left}"
