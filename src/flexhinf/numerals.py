@@ -19,6 +19,9 @@ SHORT = 6
 #: Numbers below this one have no power of ten, however few digits they have.
 WHOLE = 1e5
 
+#: The space between a number and its unit, outside of backticks.
+_UNITS = re.compile(r"`[^`]*`|(?<=\d) (?=%|(?:[mkµ]?(?:s|V|A|W|Hz|m|rad|N)|kg|N·m)(?![\w'’]))")
+
 #: A value below this share of its limit is rounding noise, and is written as 0.
 NOISE = 1e-9
 
@@ -80,6 +83,17 @@ def _rounded(value: float, digits: int, rounding: str, decimals: int | None = No
         for way in (ROUND_HALF_EVEN, rounding)
     )
     return float(near if abs(near - exact) <= room else bound)
+
+
+def unbroken(text: str) -> str:
+    """A text with no-break spaces between numbers and their units, but within backticks: code is copied as it is.
+
+    Examples
+    --------
+    >>> unbroken("at most 5 % after 3 s")
+    'at most 5\\xa0% after 3\\xa0s'
+    """
+    return _UNITS.sub(lambda match: match[0] if match[0] != " " else "\N{NO-BREAK SPACE}", text)
 
 
 def number_text(value: float, unit: str = "", digits: int = 4) -> str:

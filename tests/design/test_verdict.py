@@ -41,6 +41,14 @@ def test_a_subset_is_called_one() -> None:
     assert unnamed(text, "a part of", "1 of", "3 kinds", "1 more", "the other 2", "3 of 4") == []
     assert unnamed(DesignVerdict.of(ROWS[3:]).beside(["overshoot"]), "all 1") == []
     assert unnamed(UNKNOWN.beside(["overshoot"]), "not judged", "flexhinf design") == []
+    brief = DesignVerdict.of(ROWS).beside(
+        ["overshoot"], brief=True
+    )  # beside a status that counts what is not met
+    assert (unnamed(brief, "a part of") == [], "3 of 4" in brief, UNKNOWN.beside(["overshoot"], True)) == (
+        True,
+        False,
+        "",
+    )
 
 
 @pytest.mark.parametrize("verdict", [UNKNOWN, DesignVerdict.of(ROWS), DesignVerdict.of(ROWS[3:])])

@@ -15,6 +15,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.design import read_request
+from flexhinf.design.specification import FIELDS
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.studio.controls import (
     CONTROLS,
@@ -67,7 +68,7 @@ def test_every_control_is_a_field_with_help() -> None:
 def test_a_slider_changes_its_field_and_shows_it(session: Session, control: Control) -> None:
     before, text = session.specification, control.text(control.steps // 4)
     session.change(control, text)
-    shown = current_text(control, session.specification, session.tolerances)
+    shown = current_text(control, session.specification, session.tolerances, session.robot.links.slides)
     value = current_value(control, session.specification, session.tolerances, session.robot)
     assert float(shown) == pytest.approx(float(text), rel=1e-3)
     assert control.position(value) == pytest.approx(control.steps // 4, abs=1)
@@ -76,6 +77,13 @@ def test_a_slider_changes_its_field_and_shows_it(session: Session, control: Cont
     default = 1.0 if control.key == TOLERANCES else fh.Specification().__getattribute__(control.field)
     now = session.tolerances if control.key == TOLERANCES else getattr(session.specification, control.field)
     assert now == default
+
+
+def test_a_goal_in_degrees_is_shown_as_it_is_read() -> None:
+    """Of a joint that slides, too: 0.1 m was shown as 5.72958deg."""
+    goal = FIELDS["pose"].read("90deg,0.1m")
+    stated = fh.Specification(pose=goal, angle_unit="deg")
+    assert current_text(BY_KEY["pose"], stated, 1.0, (False, True)) == "90deg,0.1m"
 
 
 def test_weights_and_behaviour_give_way_to_each_other(session: Session) -> None:

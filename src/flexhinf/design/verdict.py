@@ -111,7 +111,8 @@ class DesignVerdict:
 
     def beside(self, names: Iterable[str], brief: bool = False) -> str:
         """Sentences beside a judgement of what is made of the design: how many kinds of its requirements are judged
-        again, by their `names`, how many are not, and the verdict."""
+        again, by their `names`, how many are not, and the verdict; if `brief`, that only where it is met, as
+        beside a status that says all else."""
         here, kinds = dict.fromkeys(name for name in names if name), dict.fromkeys(self.names)
         count = sum(name in here for name in kinds)
         own, left = len(here) - count, len(kinds) - count
@@ -120,8 +121,8 @@ class DesignVerdict:
         )
         judged += f", and {own} more that it does not have" if own else ""
         judged += f"; the other {left} need other tests, which flexhinf design makes. " if left else ". "
-        verdict = self.brief if brief else self.unmet or self.brief
-        return f"{judged if self.names else ''}{verdict[:1].upper()}{verdict[1:]}."
+        verdict = f"{self.unmet or self.brief}." if self.met or not brief else ""
+        return f"{judged if self.names else ''}{verdict[:1].upper()}{verdict[1:]}".rstrip()
 
 
 def estimated_text(robot: Robot) -> str:

@@ -123,6 +123,7 @@ def comparison_verdict(comparison: Comparison) -> str:
         )
     else:
         text = f"The best rival, {rival.name}, loses to {name} by the criterion ({costs})."
+    text = f"{text} {unlimited_text(comparison)}".rstrip()
     better = [
         f"{law.name} ({number(law.cost, 3)})"
         for law in ranked(laws)
@@ -136,8 +137,7 @@ def comparison_verdict(comparison: Comparison) -> str:
     design = comparison.own.tuned
     if design is not None and own_law is not design:
         text += f" The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
-    unlimited = unlimited_text(comparison)
-    return f"{unlimited} {text}" if unlimited else text
+    return text
 
 
 def unlimited_text(comparison: Comparison) -> str:

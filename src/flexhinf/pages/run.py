@@ -354,7 +354,7 @@ def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]
     deadlines = _real_time(run.timing)
     moved = run_verdict(prepared, run).removeprefix(deadlines).strip()
     own = _of_design(prepared, lines, brief=True)
-    return f"{requirements_text(lines, THIS)} {moved}", [own, deadlines]
+    return f"{requirements_text(lines, THIS)} {moved}", [text for text in (own, deadlines) if text]
 
 
 def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:

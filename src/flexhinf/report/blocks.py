@@ -22,15 +22,11 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
-from flexhinf.numerals import number, short_numbers
+from flexhinf.numerals import number, short_numbers, unbroken
 from flexhinf.report.figure import LIGHT, Film
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
-
-
-#: The space between a number and its unit, at which no line ends, outside of backticks: code is copied as it is.
-_UNITS = re.compile(r"`[^`]*`|(?<=\d) (?=%|(?:[mkµ]?(?:s|V|A|W|Hz|m|rad|N)|kg|N·m)(?![\w'’]))")
 
 
 def prose(text: str) -> str:
@@ -46,7 +42,7 @@ def prose(text: str) -> str:
     '5\\xa0% of <code>sleep 2 s</code>'
     """
     letters = {"^v": "v", "ᵛ": "v", "^n": "n", "ⁿ": "n"}
-    whole = _UNITS.sub(lambda match: match[0] if match[0] != " " else "\N{NO-BREAK SPACE}", escape(text))
+    whole = unbroken(escape(text))
     raised = re.sub(r"\bR(\^[vn]\b|[ᵛⁿ])", lambda match: f"R<sup>{letters[match[1]]}</sup>", whole)
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", raised)
 

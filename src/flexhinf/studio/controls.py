@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -128,8 +128,8 @@ CONTROLS = (
 )
 
 
-def current_text(control: Control, s: Specification, tolerances: float) -> str:
-    """Text of a control; empty where the field has its default of None."""
+def current_text(control: Control, s: Specification, tolerances: float, slides: Sequence[bool]) -> str:
+    """Text of a control; empty where the field has its default of None. `slides`: which joints do."""
     if control.key == TOLERANCES:
         return f"{tolerances:.4g}"
     value: Any = getattr(s, control.field)
@@ -139,7 +139,8 @@ def current_text(control: Control, s: Specification, tolerances: float) -> str:
     if value is None:
         return ""
     if control.field in ("pose", "start") and s.in_degrees:
-        return ",".join(f"{np.degrees(each):.6g}deg" for each in np.atleast_1d(value))
+        own = zip(np.atleast_1d(value).tolist(), slides)
+        return ",".join(f"{each:.6g}m" if sliding else f"{np.degrees(each):.6g}deg" for each, sliding in own)
     value = plain(control.field, value)
     return ",".join(map(_text, [*value] if isinstance(value, (list, tuple)) else [value]))
 

@@ -16,6 +16,7 @@ from flexhinf.design.pipeline import stages
 from flexhinf.design.responses import Response
 from flexhinf.errors import FlexhinfError
 from flexhinf.numerals import number, number_text
+from flexhinf.pages.drawing import display_scale
 from flexhinf.progress import Steps, time_left
 from flexhinf.studio import controls, drawing
 from flexhinf.studio.controls import CONTROLS, Control
@@ -140,12 +141,8 @@ class StudioPage:
         self.poles = LiveFigure("Poles", "real part, 1/s")
 
     def _joints_of(self) -> None:
-        """Units of the goal, buttons for the joints of the robot, and the first one that moves."""
-        names, units = self.session.robot.joint_names, self.session.robot.links.position_units
-        unit = " or ".join(sorted({*units}, reverse=True))
-        for row in self.rows:
-            if row.control.field in ("pose", "start"):
-                row.label.text = f"{row.control.label}, {unit}"
+        """Buttons for the joints of the robot, and the first one that moves."""
+        names = self.session.robot.joint_names
         self.joint = 0
         self.joints.clear()
         self.joint_buttons: list[ui.button] = []
@@ -498,9 +495,13 @@ class StudioPage:
             element.classes(**{"add" if on else "remove": name})
 
     def _show_controls(self) -> None:
-        session = self.session
+        session, links = self.session, self.session.robot.links
+        scales = (display_scale(unit, session.specification.in_degrees) for unit in links.position_units)
+        unit = " or ".join(sorted({unit for _, unit in scales}, key="m".__eq__))
         for row in self.rows:
-            text = controls.current_text(row.control, session.specification, session.tolerances)
+            if row.control.field in ("pose", "start"):
+                row.label.text = f"{row.control.label}, {unit}"
+            text = controls.current_text(row.control, session.specification, session.tolerances, links.slides)
             value = controls.current_value(
                 row.control, session.specification, session.tolerances, session.robot
             )

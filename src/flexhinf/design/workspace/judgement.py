@@ -50,7 +50,9 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
     late = [loop.late for loop in loops]
     gains = [max(loop.louder, loop.softer) for loop in loops]
     outside = "a pole outside the unit circle"
-    nearly = f"{outside} with {100.0 * (1.0 - TOLERANCE):g} % of it: what lacks less counts as met"
+    nearly = (
+        f"{outside} even with {100.0 * TOLERANCE:g} % less of it: a margin that lacks so little counts as met"
+    )
     unstable = (
         ("unstable poses", "", outside, [loop.growth for loop in loops]),
         (f"poses unstable with {extra:g} ms more delay", "delay_margin", nearly, late),

@@ -13,6 +13,7 @@ from flexhinf.export.web.compiler import check_compiler, webassembly
 from flexhinf.export.web.live_arm import LiveArm
 from flexhinf.export.web.rival import BELOW
 from flexhinf.files import check_replaceable, write_file
+from flexhinf.numerals import unbroken
 from flexhinf.validation import checked_path
 
 #: What the page's script is made of, in this order.
@@ -53,8 +54,8 @@ def page_text(arm: LiveArm, module: bytes) -> str:
         pd=pd,
         gains=gains,
         below=BELOW,
-        notes=arm.notes,
-        warnings=_warnings(arm),
+        notes=[unbroken(text) for text in arm.notes],
+        warnings=[unbroken(text) for text in _warnings(arm)],
         scripts=[f"web/{script}" for script in SCRIPTS],
         version=__version__,
         module=base64.b64encode(gzip.compress(module, 9, mtime=0)).decode(),
