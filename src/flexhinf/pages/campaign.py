@@ -76,7 +76,6 @@ from flexhinf.pages.drawing import (
     first_screen,
     legend_above,
     rounded,
-    unbroken,
 )
 from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
@@ -244,7 +243,7 @@ def _success(judged: CampaignJudgement) -> list[Any]:
         else f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate "
         "is known from this campaign alone (`--method random` has one)."
     )
-    rows = [(*row, unbroken(percent_text(1.0 - row[-1] / judged.count))) for row in kept]
+    rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
     return [
         Paragraph(
             "A sample is a success if its run reaches its end, is stable there, and keeps every requirement of this "
@@ -278,7 +277,7 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
             reasons = [f"not run: {judged.column('failure')[k]}"]
         if status == DIVERGED:
             reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
-        rows.append((k, ", ".join(reasons), unbroken(sample_changes(judged, k)), f"`{replay} {k}`"))
+        rows.append((k, ", ".join(reasons), sample_changes(judged, k), f"`{replay} {k}`"))
     few = f" Listed: the {len(rows)} worst; samples.parquet has all." if judged.failures > len(rows) else ""
     return [
         Paragraph(

@@ -40,7 +40,7 @@ from flexhinf.pages.campaign_numbers import (
     value_text,
 )
 from flexhinf.pages.design.step import histogram_bins
-from flexhinf.pages.drawing import DASHED, figure_block, framed, unbroken
+from flexhinf.pages.drawing import DASHED, figure_block, framed
 from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
@@ -466,7 +466,7 @@ def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
                 *(
                     text
                     for share in metric.better
-                    for text in (percent_text(share.rate), unbroken(interval_text(share)) if independent else "–")
+                    for text in (percent_text(share.rate), interval_text(share) if independent else "–")
                 ),
                 len(metric.pairs),
             )
@@ -543,7 +543,7 @@ def _extremes(result: DesignPair, varied: Sequence[PairedMetric]) -> list[Any]:
                 (
                     f"{metric_text(m.name)}: {who} is better by most", sample,
                     *(value_text(float(x[sample]), m.unit) for x in (m.a, m.b)),
-                    unbroken(sample_changes(result.judged[0], sample)),
+                    sample_changes(result.judged[0], sample),
                 )
                 for m, who, sample in cases
             ],

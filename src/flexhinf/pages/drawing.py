@@ -258,9 +258,9 @@ def joint_panels(
     return parts
 
 
-def unbroken(text: str, before: str = "%") -> str:
-    """Replace the space before each per cent sign, or another text, by one at which no line breaks."""
-    return text.replace(f" {before}", f"\N{NO-BREAK SPACE}{before}")
+def on_one_line(text: str) -> str:
+    """Replace each space by one at which no line breaks."""
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
