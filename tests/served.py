@@ -109,11 +109,12 @@ def _run(
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except BaseException:
         traceback.print_exc()
-    finally:
+    try:
         atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
         connection.send(code)
+    finally:
         os._exit(0)
 
 

@@ -389,15 +389,6 @@ def test_the_program_of_moves_runs_with_a_smaller_search(monkeypatch: pytest.Mon
     exec(compile(block.text, block.name, "exec"), {"__name__": "__main__"})
 
 
-@pytest.mark.costs("runs each program")
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("block", programs())
-def test_every_program_runs_as_it_is_printed(block: Block, interpreter: str, tmp_path: Path) -> None:
-    write_files(block.page, tmp_path)
-    done = served.ask(interpreter, served.program, (block.text,), tmp_path)
-    assert done.code == 0, done.errors
-
-
 #: Instead of flexhinf: says what it is asked, and cannot do "wrong".
 ECHO = 'echo "$@"; test "$1" != wrong'
 
@@ -494,3 +485,13 @@ def test_modules_and_files_that_python_is_told_to_run_exist() -> None:
             known = path.exists() or path.with_suffix(".py").exists() or module in ("pytest", "flexhinf")
             known = known or file in shown
             assert known, f"{page.name}: python {module or file}"
+
+
+@pytest.mark.costs("runs each program")
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("block", programs())
+def test_every_program_runs_as_it_is_printed(block: Block, interpreter: str, tmp_path: Path) -> None:
+    """These come last: what the interpreter of all cost is known as it ends."""
+    write_files(block.page, tmp_path)
+    done = served.ask(interpreter, served.program, (block.text,), tmp_path)
+    assert done.code == 0, done.errors
