@@ -487,6 +487,24 @@ def test_modules_and_files_that_python_is_told_to_run_exist() -> None:
             assert known, f"{page.name}: python {module or file}"
 
 
+@pytest.mark.parametrize(
+    ("text", "code", "said"),
+    [
+        ("print(__name__)", 0, ""),
+        ("raise SystemExit(3)", 3, ""),
+        ("import warnings; warnings.warn('late')", 1, "UserWarning: late"),
+        ("import os; os.kill(os.getpid(), 9)", 137, ""),
+    ],
+)
+def test_a_program_that_fails_is_no_success(
+    text: str, code: int, said: str, interpreter: str, tmp_path: Path
+) -> None:
+    done = served.ask(interpreter, served.program, (text,), tmp_path)
+    assert done.code == code
+    assert done.output == "__main__\n" * (code == 0)
+    assert said in done.errors
+
+
 @pytest.mark.costs("runs each program")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("block", programs())

@@ -258,7 +258,7 @@ def joint_panels(
     return parts
 
 
-def on_one_line(text: str) -> str:
+def single_line(text: str) -> str:
     """Replace each space by one at which no line breaks."""
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 

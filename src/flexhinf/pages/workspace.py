@@ -41,7 +41,7 @@ from flexhinf.pages.drawing import (
     joint_panels,
     line_style,
     listed,
-    on_one_line,
+    single_line,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -284,7 +284,7 @@ def _move_table(design: WorkspaceEvidence) -> Table:
                     found = float(chosen([row[key] for row in worst_motion(moves, places)]))
                     scaled = found * units.factor_of(factor, units.joints[places[0]])
                     texts.append(number_text(scaled, own if " or " in unit else "", 3))
-                cells.append(", ".join(on_one_line(text) for text in texts))
+                cells.append(", ".join(single_line(text) for text in texts))
             rows.append(tuple(cells))
     speed = design.setup.limits.speed
     speeds = [f"{SPEED:.0%} of the speed limits".replace("%", " %")] if np.isfinite(speed).any() else []
@@ -317,7 +317,7 @@ def _joint_table(design: WorkspaceEvidence) -> Table:
             cells.append(
                 "–"
                 if worst is None
-                else f"{on_one_line(number_text(units.factor_of(factor, joint) * values[worst], own, 3))} "
+                else f"{single_line(number_text(units.factor_of(factor, joint) * values[worst], own, 3))} "
                 f"({_move_name(design, worst)})"
             )
         rows.append(cells)
