@@ -147,6 +147,7 @@ def test_what_does_not_come_back_is_not_said_to(setup_of: Benches) -> None:
     assert [metrics["recovery_time_s"] for metrics in found.metrics] == [None, None]
 
 
+@pytest.mark.costs("a run of the arm with its estimator, compiled")
 def test_a_loaded_run_that_diverges_has_no_figures(setup_of: Benches) -> None:
     setup = setup_of("paper", (np.pi / 2,), (0.0,))
     run = setup.load_response(np.array([0.5]), 0.1).response.run
