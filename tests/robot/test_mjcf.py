@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pathlib
 import sys
 import warnings
 
@@ -487,3 +488,21 @@ def test_what_follows_a_locked_joint_stands_where_mujoco_wants_it(write, polynom
     assert arm.links[0].centre_of_mass == pytest.approx(placed_arm.links[0].centre_of_mass, abs=1e-15)
     with refused_with(InvalidInput, "polycoef", "'g'"):
         read_mjcf(read_xml(write(GRIPPER.format("0 x"))), ["a"])
+
+
+WEDGE = """<mujoco><asset><mesh name="wedge" vertex="0 0 0 0.2 0 0 0 0.3 0 0 0 0.4"/></asset>
+<worldbody><body name="arm"><joint name="a" axis="0 1 0"/><geom type="mesh" mesh="wedge" density="700"/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.oracle
+def test_a_file_with_the_masses_of_its_meshes_is_written_as_advised(write, monkeypatch, tmp_path):
+    mujoco = pytest.importorskip("mujoco", minversion="3.3.1")
+    with refused_with(InvalidInput, "'arm'", "'mesh'") as caught:
+        read_mjcf(read_xml(write(WEDGE, "this.xml")))
+    monkeypatch.chdir(tmp_path)
+    exec(caught.value.advice.partition(" writes it")[0], {"mujoco": mujoco, "pathlib": pathlib})
+    (link,) = read_mjcf(read_xml(tmp_path / "whole.xml")).links
+    volume = 0.2 * 0.3 * 0.4 / 6.0
+    assert float(link.mass) == pytest.approx(700.0 * volume, rel=1e-5)
+    assert link.centre_of_mass == pytest.approx((0.05, 0.075, 0.1), rel=1e-5)  # a quarter of each edge

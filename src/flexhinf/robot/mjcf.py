@@ -41,8 +41,11 @@ KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 #: What is wrong where the extra is not installed.
 NO_MUJOCO = "MJCF is read by MuJoCo, which is not installed."
 
-#: How MuJoCo writes a file with all that it takes from others.
-WHOLE = "mujoco.mj_saveLastXML('whole.xml', mujoco.MjModel.from_xml_path('this.xml')) writes it in one file"
+#: How MuJoCo writes a file with all that it takes from others, and with the masses of its shapes.
+WHOLE = (
+    "s = mujoco.MjSpec.from_file('this.xml'); s.compiler.saveinertial = True; s.compile(); "
+    "pathlib.Path('whole.xml').write_text(s.to_xml()) writes it in one file, every mass stated"
+)
 
 #: Elements that add bodies or forces which are not read, and what to do instead.
 REFUSED = {
@@ -478,7 +481,7 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
             raise InvalidInput(
                 f"the mass of the geom {value_text(geom.name, 60)} of {body.name!r} would have to come from its shape.",
                 f"expected <inertial> in its body, or a solid {', '.join(SOLID)}, got type {kind!r}",
-                'an <inertial> with mass and inertia; mass="0" for a shape that is only drawn',
+                f'{WHOLE}; or mass="0" for a shape that is only drawn',
             )
 
 
