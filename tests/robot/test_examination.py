@@ -75,6 +75,23 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     assert "[links.lower]" in text
 
 
+def test_of_several_joints_of_a_body_the_last_one_is_left(tmp_path: Path) -> None:
+    """A base that slides twice before it turns, as those of mobile arms do: no link is between these joints."""
+    pytest.importorskip("mujoco")
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="base"><joint name="x" type="slide" axis="1 0 0"/>'
+        '<joint name="y" type="slide" axis="0 1 0"/><joint name="turn" axis="0 0 1" pos="0.1 0 0"/>'
+        '<geom size="0.2"/><body name="upper" pos="0 0 0.4"><joint name="shoulder" axis="0 1 0"/>'
+        '<geom size="0.1" pos="0.3 0 0"/></body></body></worldbody><actuator><motor joint="x"/><motor joint="y"/>'
+        '<motor joint="turn"/><motor joint="shoulder"/></actuator></mujoco>'
+    )
+    (fault,) = [found for found in examine_robot(path).findings if found.severity == "fault"]
+    assert fault.place == "x, y"
+    assert load_robot(begun(path)).joint_names == ("turn", "shoulder")
+    assert "# 'x', 'y' stand still" in begun(path).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("point", ['<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>', " "])
 def test_a_link_that_states_no_inertia_is_a_plastic_ball(point: str, tmp_path: Path) -> None:
     path = written(tmp_path, link("upper", point, mass=2.0), joint("shoulder", "base", "upper"))

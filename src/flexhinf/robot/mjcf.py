@@ -20,6 +20,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement, matrix_of
+from flexhinf.robot.faults import collects_faults
 from flexhinf.robot.mjcf_actuators import ON_JOINT, dc_motor, largest_effort, motor_numbers, warn_of_actuators
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
@@ -347,8 +348,9 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
     own = [
         (body.name, [joint.name for joint in body.joints if joint.name in moving]) for body in spec.bodies[1:]
     ]
-    others = {name for _, names in own for name in names[1:]}
-    for body, names in [row for row in own if len(row[1]) > 1][:1]:
+    others = {name for _, names in own for name in names[:-1]}
+    # where faults are collected, each joint without a mass of its own is one
+    for body, names in [row for row in own if len(row[1]) > 1 and not collects_faults()][:1]:
         raise InvalidInput(
             f"the body {value_text(body, 60)} has {len(names)} joints: {', '.join(map(repr, names))}.",
             "expected at most one joint for each body: a link between two joints has a mass",

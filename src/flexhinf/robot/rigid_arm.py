@@ -193,8 +193,8 @@ class RigidArm:
             empty,
             NO_MASS,
             tuple(empty),
-            f"There is no mass behind {', '.join(map(repr, empty))}.",
-            "expected an <inertial> in the links that a joint moves, got 0 kg",
+            f"There is no mass directly behind {', '.join(map(repr, empty))}.",
+            "expected an <inertial> in the links that a joint moves, before the next joint, got 0 kg",
             selection([name for name in masses if name not in empty], self.movable)
             if len(empty) < len(masses)
             else "a file with inertials: this one is made for display only",
