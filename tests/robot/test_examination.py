@@ -75,6 +75,24 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     assert "[links.lower]" in text
 
 
+@pytest.mark.parametrize(("mass", "told"), [(1.0, 1), (1.1, 0)])
+def test_links_that_are_one_placeholder_are_told_of_both_files(
+    mass: float, told: int, tmp_path: Path
+) -> None:
+    path = written(
+        tmp_path, link("a"), link("b"), link("c", mass=mass),
+        joint("i", "base", "a"), joint("j", "a", "b"), joint("k", "b", "c"),
+    )  # fmt: skip
+    for file in (path, begun(path)):
+        findings = examine_robot(file).findings
+        alike = [
+            f.numbers
+            for f in findings
+            if (f.severity, f.what) == ("doubt", "All links have one mass and one inertia.")
+        ]
+        assert ["got 1 kg and 0.01 kg·m², 3 times" in numbers for numbers in alike] == [True] * told
+
+
 def test_of_several_joints_of_a_body_the_last_one_is_left(tmp_path: Path) -> None:
     """A base that slides twice before it turns, as those of mobile arms do: no link is between these joints."""
     pytest.importorskip("mujoco")

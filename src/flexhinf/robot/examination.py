@@ -181,14 +181,8 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             numbers=f"expected torques of data sheets, got {arm.efforts[0]:g}",
             advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
         )
-    if len(arm.links) >= ALIKE and len({(link.mass, *link.inertia) for link in arm.links}) == 1:
-        mass, most = arm.links[0].mass, float(np.max(np.array(arm.links[0].inertia, dtype=float)))
-        result.add(
-            "doubt",
-            "All links have one mass and one inertia.",
-            numbers=f"expected those of each link, got {mass:g} kg and {most:g} kg·m², {len(arm.links)} times",
-            advice="masses, centres of mass and inertias of CAD, or of another file of this robot",
-        )
+    masses, inertias = [link.mass for link in arm.links], [link.inertia for link in arm.links]
+    result.findings += _of_masses(np.array(masses, dtype=float), np.array(inertias, dtype=float))
     fast = {joint.name: speed for joint, speed in zip(arm.joints, arm.speeds) if FASTEST < speed < math.inf}
     result.add_of(
         [*fast],
@@ -288,7 +282,22 @@ def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
     return [math.inf if limit is None else float(limit * k) for limit, k in zip(limits, gain)]
 
 
+def _of_masses(masses: np.ndarray, inertias: np.ndarray) -> Iterator[RobotFinding]:
+    """That all links are one placeholder, by the mass, kg, and the inertia, kg·m², of each."""
+    links = np.column_stack([masses, inertias])
+    if len(links) >= ALIKE and bool((links == links[0]).all()):
+        yield RobotFinding(
+            "doubt",
+            "All links have one mass and one inertia.",
+            numbers=f"expected those of each link, got {links[0, 0]:g} kg and {links[0, 1:].max():g} kg·m², "
+            f"{len(links)} times",
+            advice="masses, centres of mass and inertias of CAD, or of another file of this robot",
+        )
+
+
 def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
+    numbers = robot.plant_parameters()
+    yield from _of_masses(np.atleast_1d(numbers["mass"]), np.atleast_1d(numbers["inertia"]))
     if robot.estimated:
         every = set(robot.joint_names)
         places = [
