@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+import re
 import sys
 import warnings
 
@@ -509,3 +510,16 @@ def test_a_file_with_the_masses_of_its_meshes_is_written_as_advised(write, monke
     volume = 0.2 * 0.3 * 0.4 / 6.0
     assert link.mass == pytest.approx(700.0 * volume, rel=1e-5)
     assert link.centre_of_mass == pytest.approx((0.05, 0.075, 0.1), rel=1e-5)  # a quarter of each edge
+
+
+@pytest.mark.parametrize("acting", ["gravcomp='1'", 'stiffness = "3 0"', 'springdamper="0.1 1"'])
+def test_a_file_without_what_pulls_its_links_is_written_as_advised(write, monkeypatch, tmp_path, acting):
+    pytest.importorskip("mujoco")
+    old = 'name="left"' if "gravcomp" in acting else 'name="elbow"'
+    with refused_with(InvalidInput, acting.partition("=")[0].strip()) as caught:
+        rigid(write(ARM.replace(old, f"{old} {acting}", 1), "this.xml"))
+    monkeypatch.chdir(tmp_path)
+    exec(
+        str(caught.value).partition("or: ")[2].partition(" writes a file")[0], {"pathlib": pathlib, "re": re}
+    )
+    assert (tmp_path / "plain.xml").read_text() == ARM

@@ -48,6 +48,12 @@ WHOLE = (
     "pathlib.Path('whole.xml').write_text(s.to_xml()) writes it in one file, every mass stated"
 )
 
+#: How Python writes a file without an attribute, in whichever quotes.
+PLAIN = (
+    "pathlib.Path('plain.xml').write_text(re.sub(r'\\s{key}\\s*=\\s*(.).*?\\1', '', "
+    "pathlib.Path('this.xml').read_text()))"
+)
+
 #: Elements that add bodies or forces which are not read, and what to do instead.
 REFUSED = {
     "include": WHOLE,
@@ -368,7 +374,7 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
             acting,
             f"{', '.join(acting)}: {key} is not read.",
             f"expected none, got {key} = {', '.join(map(str, acting.values()))}: {what}",
-            f"{key}='0' in each of them",
+            f"{key}='0' in each of them, or: {PLAIN.format(key=key)} writes a file where none has it",
         )
     for where, part in [
         *parts,
