@@ -523,3 +523,20 @@ def test_a_file_without_what_pulls_its_links_is_written_as_advised(write, monkey
         str(caught.value).partition("or: ")[2].partition(" writes a file")[0], {"pathlib": pathlib, "re": re}
     )
     assert (tmp_path / "plain.xml").read_text() == ARM
+
+
+@pytest.mark.parametrize("quaternion", ["-1 0 0 0", "-1 1e-200 0 0", "-2 0 0 0"])
+def test_a_body_that_is_not_turned_may_say_so_by_minus_one(write, quaternion):
+    """MuJoCo writes such quaternions where turns cancel each other."""
+    pytest.importorskip("mujoco")
+    text, plain = GRIPPER.format("0 1"), '<body pos="0 0 0.3">'
+    assert plain in text
+    said, unsaid = (
+        read_mjcf(read_xml(write(each)), ["a"]).links[0]
+        for each in (text.replace(plain, f'<body pos="0 0 0.3" quat="{quaternion}">'), text)
+    )
+    assert (said.mass, said.centre_of_mass, said.inertia) == (
+        unsaid.mass,
+        unsaid.centre_of_mass,
+        unsaid.inertia,
+    )

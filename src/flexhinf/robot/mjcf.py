@@ -580,5 +580,5 @@ def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
     )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
-    angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))
-    return place if angle == 0.0 else place.then(moved("revolute", axis, angle))
+    length = float(np.linalg.norm(axis))  # 0 where nothing turns, for w = -1 too
+    return place.then(moved("revolute", axis, 2.0 * float(np.arctan2(length, w)))) if length else place
