@@ -120,7 +120,7 @@ def test_a_ranking_by_inputs_that_no_motor_limits_says_so_behind_it(
     assert (unit_of(noise, found), cell(noise, 2547.386, found)) == ("V", "2547")
     first, _, others = comparison_verdict(found).partition(". ")
     assert unnamed(first, "nl-hinf", "loses") == []
-    assert unnamed(others.partition(". To try: --peak-effort")[0], "no motor limits", "nl-hinf", 9.84) == []
+    assert unnamed(others.partition(". To try: --peak-effort")[0], "motor limits", "nl-hinf", 9.84) == []
     assert "--peak-effort" in others
     assert {"risky"} <= {status.kind for status in comparison_page(found, ["flexhinf"]).status} - {"met"}
 
