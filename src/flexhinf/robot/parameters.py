@@ -337,6 +337,20 @@ def random_signs(parameters: int, count: int, seed: Any) -> np.ndarray:
     return np.random.default_rng(seed).choice([-1.0, 1.0], (count, parameters))
 
 
+def corner_groups(uncertain: Sequence[Parameter]) -> tuple[list[str], np.ndarray]:
+    """Names of the groups of quantities that go to their ends together, and the signs (groups, quantities) of each
+    group alone.
+
+    All moments of inertia of a link are at their large or at their small ends: otherwise they may be those of no rigid
+    body.
+    """
+    names = [re.sub("inertia(_per_mass)?_[xyz]{2}", "inertia", p.name) for p in uncertain]
+    groups = list(dict.fromkeys(names))
+    turned = [-1.0 if p.value < 0.0 and p.name != name else 1.0 for p, name in zip(uncertain, names)]
+    members = np.array([[name == group for name in names] for group in groups], dtype=float)
+    return groups, members.reshape(len(groups), len(names)) * turned
+
+
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 TURNING = {

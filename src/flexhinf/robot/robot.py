@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -40,6 +39,7 @@ from flexhinf.robot.parameters import (
     PlantValues,
     check_parameters,
     checked_limits,
+    corner_groups,
     estimated_quantities,
     per_joint,
     random_signs,
@@ -587,14 +587,7 @@ class Robot(Pictured):
         return self.corner(dict.fromkeys(heavy, 1.0))
 
     def random_corners(self, count: int, seed: int) -> list[PlantValues]:
-        """Parameters as of `corner` at random corners of the tolerances; none without tolerances.
-
-        All moments of inertia of a link are at their large or at their small ends: otherwise they may be those of no
-        rigid body.
-        """
-        names = [re.sub("inertia(_per_mass)?_[xyz]{2}", "inertia", p.name) for p in self.uncertain]
-        groups = list(dict.fromkeys(names))
-        places = [groups.index(name) for name in names]
-        signs = random_signs(len(groups), count if groups else 0, seed)[:, places]
-        turned = [-1.0 if p.value < 0.0 and p.name != name else 1.0 for p, name in zip(self.uncertain, names)]
-        return [self.corner(row) for row in (signs * turned).tolist()]
+        """Parameters as of `corner` at random corners of the tolerances (`corner_groups`); none without tolerances."""
+        groups, alone = corner_groups(self.uncertain)
+        signs = random_signs(len(groups), count if groups else 0, seed)
+        return [self.corner(row) for row in (signs @ alone).tolist()]

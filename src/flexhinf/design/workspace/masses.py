@@ -16,7 +16,7 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import EXACT, Errors, Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot import Robot
-from flexhinf.robot.parameters import Parameter, payload_masses, random_signs
+from flexhinf.robot.parameters import Parameter, corner_groups, payload_masses, random_signs
 
 #: Sampled poses; corners of the tolerances from which the worst one is sought at each, and steps of that search.
 POSES, CORNERS, STEPS = 200, 8, 4
@@ -89,17 +89,12 @@ class _Corners:
             link_compliance(setup.true_plant),
             dict[tuple[float, ...], np.ndarray](),
         )
-        # Signs (groups, quantities) of each group alone. Moments of inertia go together, see `Robot.random_corners`.
-        names = [re.sub("inertia(_per_mass)?_[xyz]{2}", "inertia", p.name) for p in self._robot.uncertain]
-        turned = [
-            -1.0 if p.value < 0.0 and p.name != name else 1.0 for p, name in zip(self._robot.uncertain, names)
-        ]
-        kept = [name for name in dict.fromkeys(names) if name.startswith(OF_INERTIA)]
-        count = len(kept)
-        alone = np.array([[name == own for own in names] for name in kept], dtype=float)
-        self._alone = alone.reshape(count, len(names)) * turned
+        names, alone = corner_groups(self._robot.uncertain)
+        places = [k for k, name in enumerate(names) if name.startswith(OF_INERTIA)]
+        kept = [names[k] for k in places]
+        self._alone = alone[places]
         heavy = [float(name.startswith(("mass", "payload_mass"))) for name in kept]
-        self._starts = np.vstack([heavy, random_signs(count, CORNERS, POSES_SEED)])
+        self._starts = np.vstack([heavy, random_signs(len(kept), CORNERS, POSES_SEED)])
 
     def extremes(self, pose: np.ndarray, root: np.ndarray) -> Iterator[np.ndarray]:
         """Smallest and largest eigenvalue of M M̂⁻¹, of each of some corners; M is `root` times its transpose."""
