@@ -247,8 +247,8 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     typer.echo(f"report: {folder / 'index.html'}")
 
 
-#: In the folder that is written: of one pose, of a workspace.
-CERTIFICATE, PROOF = "certificate.json", "proof.json"
+#: In the folder that is written of one pose; of a workspace it is `pages.PROOF_FILE`.
+CERTIFICATE = "certificate.json"
 
 
 @with_options(lambda: (options.CertifyOptions, options.CERTIFY_FIELDS))
@@ -380,11 +380,14 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
         assert isinstance(loop, LoopOverWorkspace)
         proof = prove_workspace(loop.setup, bar.step, _loaded(request))
         page = pages.workspace_proof_page(proof, reproduce_command(context), verdict)
-    files = {"index.html": page.html(), PROOF: report.to_json(pages.workspace_proof_numbers(proof))}
+    files = {
+        "index.html": page.html(),
+        pages.PROOF_FILE: report.to_json(pages.workspace_proof_numbers(proof)),
+    }
     report.write(folder, files)
     tables, text = pages.workspace_proof_ending(proof, verdict)
     show(tables)
-    check = join(["flexhinf", "certify", "--check", str(folder / PROOF)])
+    check = join(["flexhinf", "certify", "--check", str(folder / pages.PROOF_FILE)])
     typer.echo(
         f"{text}\nreport: {folder / 'index.html'}" + f"\ncheck:  {check}" * (proof.numbers is not None)
     )
@@ -435,8 +438,8 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
         f"expected --check FILE without a robot or a design, got {o.robot!r}",
         f"flexhinf certify --check {path}",
     )
-    if path.is_dir() and not (path / CERTIFICATE).exists() and (path / PROOF).exists():
-        path /= PROOF
+    if path.is_dir() and not (path / CERTIFICATE).exists() and (path / pages.PROOF_FILE).exists():
+        path /= pages.PROOF_FILE
     if (numbers := pages.workspace_certificate(path)) is not None:
         with ProofProgress() as bar:
             bar.step("check")
