@@ -34,8 +34,8 @@ IMPORTED = (
 )  # fmt: skip
 
 
-class Ended(NamedTuple):
-    """How a fork ended: exit code, standard output and standard error."""
+class Outcome(NamedTuple):
+    """How a command or program ended: exit code, standard output and standard error."""
 
     code: int
     output: str
@@ -79,7 +79,7 @@ def interpreter() -> Iterator[str]:
                 Client(address).send(None)
 
 
-def ask(address: str, call: Callable[[Sequence[str]], int], words: Sequence[str], work: Path) -> Ended:
+def ask(address: str, call: Callable[[Sequence[str]], int], words: Sequence[str], work: Path) -> Outcome:
     """Have it call `command` or `program` in the folder `work`, with the environment of this process."""
     environment = {**os.environ, "MPLBACKEND": "Agg"}
     with TemporaryDirectory() as folder:
@@ -90,7 +90,7 @@ def ask(address: str, call: Callable[[Sequence[str]], int], words: Sequence[str]
                 code = connection.recv()
             except EOFError:  # it was killed
                 code = 137
-        return Ended(code, *(stream.read_text(encoding="utf-8") for stream in streams))
+        return Outcome(code, *(stream.read_text(encoding="utf-8") for stream in streams))
 
 
 def _run(

@@ -17,12 +17,12 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
 from tests import served
+from tests.served import Outcome
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCE = ("src/flexhinf", "requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
@@ -38,15 +38,6 @@ COLUMNS = "160"
 INTERPRETER = "FLEXHINF_TEST_INTERPRETER"
 #: How long to wait for another worker that makes the same, s.
 PATIENCE = 1200.0
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a command ended: exit code, standard output and standard error."""
-
-    code: int
-    output: str
-    errors: str
 
 
 def folder() -> Path | None:
@@ -78,7 +69,7 @@ def command(words: Sequence[str], work: Path) -> Outcome:
 
 def _run(words: Sequence[str], work: Path) -> Outcome:
     if address := os.environ.get(INTERPRETER):
-        return Outcome(*served.ask(address, served.command, words, work))
+        return served.ask(address, served.command, words, work)
     program = [sys.executable, "-m", "flexhinf", *words]
     done = subprocess.run(program, cwd=work, capture_output=True, text=True, check=False)
     return Outcome(done.returncode, done.stdout, done.stderr)
@@ -94,7 +85,7 @@ def _make(words: Sequence[str], work: Path, place: Path) -> Outcome:
         for entry in work.iterdir():
             if before.get(entry.name) != _digest(entry):
                 _copy(entry, part / "files" / entry.name)
-        (part / "outcome.json").write_text(json.dumps(outcome.__dict__), encoding="utf-8")
+        (part / "outcome.json").write_text(json.dumps(outcome._asdict()), encoding="utf-8")
         if not place.exists():
             part.rename(place)
     return outcome
