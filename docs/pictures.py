@@ -6,6 +6,7 @@ runs in a folder with the files that the page shows. Tests run the same blocks a
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -13,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -43,17 +45,45 @@ class Picture:
 
 
 def figure(file: str, name: str) -> Callable[[Path, dict[str, Any]], str]:
-    """The drawing ``figure-NAME`` of a page that the block writes, light, on white."""
+    """The drawing ``figure-NAME`` of a page that the block writes, light, on white; its film moves over and over."""
 
     def draw(folder: Path, names: dict[str, Any]) -> str:
         page = (folder / file).read_text(encoding="utf-8")
-        found = re.search(rf'<figure id="figure-{name}">.*?(<svg.*?</svg>)', page, re.DOTALL)
+        found = re.search(
+            rf'<figure id="figure-{name}"(?: data-film="([^"]*)")?>.*?(<svg.*?)</svg>', page, re.DOTALL
+        )
         if found is None:
             others = ", ".join(re.findall(r'<figure id="figure-([^"]+)', page))
             raise SystemExit(f"{file}: no figure {name!r}; it has {others}")
-        return alone(found[1])
+        if not found[1]:
+            return alone(f"{found[2]}</svg>")
+        faint = re.sub(r'(<g id="[^"]*-pose-[^"]*")', r'\1 opacity="0.25"', found[2])
+        return alone(f"{faint}{moving(json.loads(unescape(found[1])))}</svg>")
 
     return draw
+
+
+def moving(film: dict[str, Any]) -> str:
+    """The lines of a `report.Film` as SVG that moves by itself, as slowly as on the page, and rests for a second."""
+    seconds = film["seconds"]
+    whole = seconds[-1] - seconds[0]
+    slower = max(1.0, 2.0 / whole)
+    lasts = slower * whole + 1.0
+    instants = ";".join(f"{slower * (t - seconds[0]) / lasts:.4f}" for t in seconds) + ";1"
+    styles = {
+        1: "stroke:var(--series-1);stroke-width:4",
+        2: "stroke:var(--series-2);stroke-width:2;stroke-dasharray:6 3",
+    }
+    lines = []
+    for series, points in film["lines"]:
+        texts = [" ".join(map(str, each)) for each in (*points, points[-1])]
+        lines.append(
+            f'<polyline points="{texts[-1]}" '
+            f'style="fill:none;stroke-linecap:round;stroke-linejoin:round;{styles[series]}">'
+            f'<animate attributeName="points" values="{";".join(texts)}" keyTimes="{instants}" dur="{lasts:.3g}s" '
+            'repeatCount="indefinite"/></polyline>'
+        )
+    return "".join(lines)
 
 
 def alone(svg: str) -> str:
@@ -202,10 +232,10 @@ PICTURES: dict[str, Picture] = {
         "Two links along waypoints, and how far they are from them", figure("run/index.html", "result")
     ),
     "comparison": Picture(
-        "Errors of both laws in the same moves", figure("flexhinf-compare/index.html", "laws")
+        "The arm under both laws in the worst move", figure("flexhinf-compare/index.html", "arms")
     ),
     "campaigns": Picture(
-        "Bands of 2000 robots about the worst one", figure("campaign/index.html", "signals")
+        "The arm of the worst of 2000 robots beside the median one", figure("campaign/index.html", "arms")
     ),
     "logs": Picture(
         "Measured and estimated signals over time", figure("flexhinf-estimate/index.html", "measured")

@@ -82,8 +82,10 @@ def test_a_page_of_the_site_is_accessible_and_legible(browser: Any, address: str
             page.wait_for_selector("ul.search li a")
         for (width, height), scheme in zip(WINDOWS.items(), ("light", "light", "dark"), strict=True):
             page.set_viewport_size({"width": width, "height": height})
+            for colours in ("light", "dark"):
+                page.emulate_media(color_scheme=colours)
+                keep(page, f"site-{kind}-{width}-{colours}")
             page.emulate_media(color_scheme=scheme)
-            keep(page, f"site-{kind}-{width}-{scheme}")
             if width != 1280:
                 assert serious(page, preload=False) == []
             assert page.evaluate("document.documentElement.scrollWidth") <= width

@@ -41,8 +41,18 @@ COMMANDS = {
     "campaign": "campaign design --samples 40 --out campaign",
     "pair": "campaign compare design design --samples 20 --out pair",
     "paper": "paper --out paper",
+    "small workspace": "design paper --workspace 0:0.02 --estimator none --draws 0 --out small_workspace",
+    "workspace comparison": "compare small_workspace --laws pd-gravity --out workspace_comparison",
+    "workspace campaign": "campaign small_workspace --samples 5 --out workspace_campaign",
+    "workspace proof": "certify small_workspace --out workspace_proof",
 }
-KINDS = (*COMMANDS, "comparison", "certificate", "workspace", "workspace of two links")
+#: What a page is made of, where that is another page's design or log.
+MADE_OF = {
+    **dict.fromkeys(("run", "campaign", "pair"), "design"),
+    **dict.fromkeys(("estimate", "identify", "checked log"), "run"),
+    **dict.fromkeys(("workspace comparison", "workspace campaign", "workspace proof"), "small workspace"),
+}
+KINDS = (*COMMANDS, "comparison", "certificate", "workspace of two links")
 
 #: Pages that take long, of which others of their kind are cheap.
 DEAR = {
@@ -86,10 +96,8 @@ def page_of(folder: Path, request: pytest.FixtureRequest) -> Any:
             )
             path.write_text(page.html(), encoding="utf-8")
         else:
-            if kind in ("run", "campaign", "pair"):
-                of("design")
-            if kind in ("estimate", "identify", "checked log"):
-                of("run")
+            if kind in MADE_OF:
+                of(MADE_OF[kind])
             with pytest.MonkeyPatch.context() as patch:
                 patch.chdir(folder)
                 assert main(COMMANDS[kind].split()) in (0, 1)
