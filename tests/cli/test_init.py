@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -39,6 +41,43 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
     assert numbers["joints"][0]["name"] == "shoulder"
     page = Path("checked/index.html").read_text(encoding="utf-8")
     assert unnamed(page, "shoulder", 'id="figure-robot"', "height (m)") == []
+
+
+def test_of_what_a_file_states_twice_it_is_told_what_is_read_and_what_is_left(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = '<inertial><mass value="7.5"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    good = URDF.replace('izz="0.03"', 'izz="0.02"')
+    text = good.replace("</inertial></link>", f"</inertial>{other}</link>")
+    for base in (text, text.replace('<link name="base"/>', f'<link name="base">{other}<inertial/></link>')):
+        Path("arm.urdf").write_text(base, encoding="utf-8")
+        assert main(["check", "arm.urdf"]) == 1
+        said = " ".join(capsys.readouterr().out.split())
+        assert unnamed(said, "<inertial> of 'upper'", 'mass value="1"', "left", 'mass value="7.5"') == []
+        assert "'base'" not in said  # which nothing moves
+        assert main(["init", "arm.urdf", "--force"]) == 0
+        assert unnamed(capsys.readouterr().err, "<inertial> of 'upper'", 'mass value="7.5"') == []
+        with pytest.warns(RobotFileWarning, match="'upper'"):
+            assert load_robot("arm.toml")["mass"].value == 1.0
+
+
+def test_a_part_of_an_mjcf_is_told_what_it_is_and_the_advice_makes_it_whole(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco")
+    part = MJCF.format('<motor joint="shoulder"/><motor joint="elbow"/>').replace("mujoco>", "mujocoinclude>")
+    Path("part.xml").write_text(part, encoding="utf-8")
+    assert main(["check", "part.xml"]) == 2
+    assert main(["init", "part.xml"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert unnamed(said, "part of an MJCF", "<mujocoinclude>", "<mujoco>") == []
+    advice = said.split("try: ")[-1]
+    file, command = advice.split("one that says ")[1].split("; of either, ")
+    Path("this.xml").write_text(file, encoding="utf-8")
+    code = f"import mujoco, pathlib; {command.split(' writes it')[0]}"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    assert main(["init", "whole.xml"]) == 0
+    assert load_robot("whole.toml").joint_names == ("shoulder", "elbow")
 
 
 def test_of_several_arms_one_is_named_as_a_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
@@ -9,7 +11,7 @@ from tests.refusals import refused_with, unnamed
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics
-from flexhinf.robot.parts import RobotFileWarning
+from flexhinf.robot.parts import RobotFileWarning, file_warnings
 from flexhinf.robot.urdf import read_urdf
 from flexhinf.validation import read_xml
 
@@ -68,11 +70,25 @@ def elastic(tmp_path):
     return file
 
 
-@pytest.mark.ci("reads an arm by Pinocchio too")
+ROUND = '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>'
+
+#: Elements that stand before another one of their name, and after what.
+TWICE = [
+    ('<link name="fore">', f'<inertial><mass value="2"/>{ROUND}</inertial>'),
+    ('<link name="bracket"><inertial>', '<origin xyz="0 0 9"/>'),
+    ('<parent link="bracket"/><child link="fore"/>', '<origin xyz="0 0 9"/>'),
+    ('<parent link="world"/><child link="base"/>', '<origin xyz="0 0 9"/>'),
+]
+
+
+@pytest.mark.ci("reads arms by Pinocchio too")
 @pytest.mark.oracle
-def test_the_same_arm_as_pinocchio_reads(urdf):
-    pin = pytest.importorskip("pinocchio")
-    arm = read_urdf(read_xml(urdf), locked={"grip": 0.03, "follow": 0.03})
+@pytest.mark.parametrize(("place", "first"), [("</robot>", ""), *TWICE])
+def test_the_same_arm_as_pinocchio_reads(place, first, urdf):
+    pin, moving = pytest.importorskip("pinocchio"), ["shoulder", "elbow", "lift"]
+    with file_warnings():
+        root = changed(urdf, (place, place + first))
+        arm = read_urdf(root, moving, {"grip": 0.03, "follow": 0.03})
     full = pin.buildModelFromUrdf(str(urdf))
     rest = pin.neutral(full)
     locked = [full.getJointId(name) for name in ("grip", "follow") if full.existJointName(name)]
@@ -196,7 +212,7 @@ def test_a_massless_body_keeps_its_inertia(tmp_path):
 
 
 def test_elements_stand_once_and_numbers_of_other_programs_are_told(tmp_path):
-    for tag in ("dynamics", "limit", "axis", "mimic", "origin"):
+    for tag in ("dynamics", "limit", "axis", "mimic"):
         twice = ARM.replace('<child link="upper"/>', f'<child link="upper"/><{tag}/><{tag} a="1"/>')
         refused(tmp_path / "arm.urdf", twice, f"<{tag}>.* 'shoulder'")
     text = ARM.replace('<child link="upper"/>', '<child link="upper"/><dynamics damping="1" K="7000"/>')
@@ -204,6 +220,10 @@ def test_elements_stand_once_and_numbers_of_other_programs_are_told(tmp_path):
     with pytest.warns(RobotFileWarning, match="K of <dynamics> in 'shoulder'"):
         arm = read_urdf(read_xml(tmp_path / "arm.urdf"), joints=["shoulder"])
     assert arm.motors["shoulder"] == {"friction": 1.0}
+    own = '<dynamics K="7" D="1"/><axis'  # joints that are alike are told together, however many there are
+    (tmp_path / "arm.urdf").write_text(ARM.replace("<axis", own), encoding="utf-8")
+    with pytest.warns(RobotFileWarning, match="K, D of <dynamics> in 'shoulder', 'elbow'[^…]*<axis xyz>"):
+        read_urdf(read_xml(tmp_path / "arm.urdf"), joints=["shoulder", "elbow"])
 
 
 # Hostile files ------------------------------------------------------------------------------------
@@ -286,9 +306,8 @@ def test_a_joint_is_locked_at_a_number(urdf, value):
         ('<axis xyz="0 1 0"/>', '<axis xyz="1 0 0"/><axis xyz="0 1 0"/>', "<axis> .* 2 times"),
         ('<parent link="base"/>', '<parent link="fore"/><parent link="base"/>', "<parent> .* 2 times"),
         ('<child link="upper"/>', '<child link="fore"/><child link="upper"/>', "<child> .* 2 times"),
-        ('<origin xyz="0 0.1 0"/>', '<origin xyz="0 0 9"/><origin xyz="0 0.1 0"/>', "<origin> .* 2 times"),
         ('<limit lower="-2"', '<limit lower="-1" upper="1"/><limit lower="-2"', "<limit> .* 2 times"),
-        ('<link name="fore">', '<link name="fore"><inertial/>', "<inertial> .* 2 times"),
+        ('<link name="fore">', '<link name="fore"><inertial/>', "<inertial>.*'fore'.*mass"),
         ("<inertia ixx", '<inertia ixx="1" iyy="1" izz="1"/><inertia ixx', "<inertia> .* 2 times"),
         ('<mass value="0.4"/>', '<mass kg="0.4"/>', "<mass>.*'bracket'.*'value'"),
         ('<mass value="0.4"/>', "", "<inertial>.*'bracket'.*mass"),
@@ -477,8 +496,25 @@ def test_what_says_the_same_twice_or_in_other_words_is_read(urdf):
         ("</robot>", '<x:property name="width" value=".2" xmlns:x="http://www.ros.org/wiki/xacro"/></robot>'),
     )
     assert read_urdf(root, ["shoulder", "elbow"]).joints == plain.joints
-    with refused_with(InvalidInput, "<origin>", "2"):
-        read_urdf(changed(urdf, (commas + commas, commas + place)))
+
+
+@pytest.mark.parametrize(("place", "first"), TWICE)
+def test_of_bodies_and_places_that_stand_twice_the_first_is_read(place, first, urdf):
+    """The advice, followed either way, leaves one arm or the other."""
+    moving = ["shoulder", "elbow"]
+    plain = read_urdf(read_xml(urdf), moving)
+    root = changed(urdf, (place, place + first))
+    with pytest.warns(RobotFileWarning) as told:
+        read = read_urdf(root, moving)
+    tag = first[1:].split()[0].split(">")[0]
+    assert unnamed(str(told[0].message), f"<{tag}>", "2 times", "the file without the others") == []
+    assert (read.links, read.joints) != (plain.links, plain.joints)
+    for left, same in ((1, read), (0, plain)):  # the file without the other one; without the first
+        alone = copy.deepcopy(root)
+        parent = next(part for part in alone.iter() if len(part.findall(tag)) > 1)
+        parent.remove(parent.findall(tag)[left])
+        arm = read_urdf(alone, moving)
+        assert (arm.links, arm.joints) == (same.links, same.joints)
 
 
 def test_a_file_that_xacro_has_to_expand_is_refused(urdf):

@@ -56,7 +56,8 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
         text = template_text(o.joints, drive)
     else:
         found = description_of(path, o.move)
-        arm, changes = found.arm(), found.changes
+        arm = found.arm()
+        changes = [*found.changes, *arm.repeated]
         drive, gears = drive_of(arm, o.drive), gears_named(arm, o.gear)
         rigid = too_fast(out, robot_file_text(found, arm, out, drive, (), gears))
         rigid = tuple(name for name in rigid if name not in gears)

@@ -240,7 +240,7 @@ def robot_file_text(
     lines = [
         f"# Numbers whose source begins with “{ESTIMATE}” are guesses from masses and limits, with wide tolerances:",
         "# nobody measured them. Replace them by those of data sheets, or by `flexhinf identify`.",
-        *(f"# {change[:1].upper()}{change[1:]}." for change in found.changes),
+        *(f"# {change[:1].upper()}{change[1:]}." for change in (*found.changes, *arm.repeated)),
         f"name = {_text(found.path.stem)}",
         f"{key} = {_text(beside)}",
         f"joints = {json.dumps(found.joints, ensure_ascii=False)}",

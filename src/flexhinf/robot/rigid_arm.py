@@ -71,6 +71,8 @@ class RigidArm:
         Of each joint: numbers of its motor by their names in a robot file, seen from the link.
     dc_motors
         Of MJCF only: the <dcmotor> of each joint that has one.
+    repeated
+        Of URDF only: elements that stand more than once, what is read of them and what is left, in sentences.
     gravity, down
         Of MJCF only: free fall, m/s², and its direction (3,).
     """
@@ -86,6 +88,7 @@ class RigidArm:
     speeds: list[float] = field(default_factory=list)
     motors: dict[str, dict[str, float]] = field(default_factory=dict)
     dc_motors: dict[str, DcMotor] = field(default_factory=dict)
+    repeated: list[str] = field(default_factory=list)
     gravity: float = GRAVITY
     down: tuple[float, float, float] | None = None
     _bodies: list[list[Any]] = field(default_factory=list)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
@@ -12,10 +14,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput, readable, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Placement, matrix_of
 from flexhinf.robot.faults import NO_EXTENT, NO_KIND, NO_ROOM, refuse_part
+from flexhinf.robot.mjcf import WHOLE
 from flexhinf.robot.parameters import INERTIA, measured
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
@@ -39,6 +42,8 @@ ONCE = {
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
     "inertial": ("origin", "mass", "inertia"),
 }
+#: Of these the first is read where they say different things, as ROS reads them.
+FIRST = ("inertial", "origin")
 OTHERS = {"link": ("visual", "collision"), "joint": ("calibration", "safety_controller")}
 
 #: Components of an inertia below its diagonal, which have to be those above it.
@@ -178,6 +183,13 @@ def read_urdf(
                 arm.tips.append(link)
         ahead += [(after, carrier, place) for after in reversed(behind.get(link, []))]
     _check_mimics(elements, movable, arm.locked)
+    arm.repeated += _repeated({name: link for name, link in links.items() if name in arm.frames}, elements)
+    ask(
+        arm.repeated,
+        "Elements that should stand once say different things: the first of each is read, as by ROS.",
+        "expected one <inertial> of a link and one <origin>, got " + "; ".join(arm.repeated),
+        "the file without the others; or, where another one is right, without the first",
+    )
     _tell_unread({joint.name: elements[joint.name] for joint in arm.joints})
     arm.efforts, arm.speeds = (
         [_largest(joint.name, elements[joint.name], key) for joint in arm.joints]
@@ -189,6 +201,12 @@ def read_urdf(
 # Elements -----------------------------------------------------------------------------------------
 def refuse_other_xml(root: Element) -> set[str]:
     """Refuse what is no URDF, and a file that xacro has to expand; names of macros left in one that it has expanded."""
+    refuse_if(
+        root.tag == "mujocoinclude",
+        "This is a part of an MJCF file.",
+        "expected the root element <mujoco>, got <mujocoinclude>, which another file includes",
+        f"the file that includes it, or one that says <mujoco><include file='part.xml'/></mujoco>; of either, {WHOLE}",
+    )
     refuse_if(
         root.tag != "robot",
         "This is no URDF.",
@@ -265,9 +283,9 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
 def _check_element(name: str, element: Element) -> None:
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
-        found = {ElementTree.tostring(part).strip() for part in element.findall(tag)}
+        found = _said(element, tag)
         refuse_part(
-            len(found) > 1,
+            len(found) > 1 and tag not in FIRST,
             "",
             (name,),
             f"<{tag}> stands {len(found)} times in {where} {name!r}, and says different things.",
@@ -283,10 +301,34 @@ def _check_element(name: str, element: Element) -> None:
                 f"<{close}>",
             )
     for child in element:
+        if child.tag in FIRST and child is not element.find(child.tag):
+            continue  # it is not read
         if child.tag == "inertial":
             _check_element(name, child)
         if not (element.get("type") == "fixed" and child.tag in OF_MOTION):
             _check_attributes(name, child)
+
+
+def _said(element: Element, tag: str) -> list[str]:
+    """The different texts of the children of this name, in their order."""
+    texts = (ElementTree.tostring(part, encoding="unicode") for part in element.findall(tag))
+    return [*dict.fromkeys(" ".join(text.split()) for text in texts)]
+
+
+def _repeated(*groups: Mapping[str, Element]) -> list[str]:
+    """What is read, and what is left, of <inertial> and <origin> that say different things, in sentences."""
+    found = [
+        (tag, name, _said(part, tag))
+        for elements in groups
+        for name, element in elements.items()
+        for part in [element, *element.findall("inertial")[:1]]
+        for tag in FIRST
+    ]
+    return [
+        f"<{tag}> of {name!r} stands {len(texts)} times: {texts[0]} is read, and left is {', '.join(texts[1:])}"
+        for tag, name, said in found
+        if len(texts := [value_text(textwrap.shorten(text, 110, placeholder=" …")) for text in said]) > 1
+    ]
 
 
 def _check_attributes(name: str, element: Element) -> None:
@@ -317,18 +359,20 @@ def _unread(element: Element) -> list[str]:
 
 def _tell_unread(moving: Mapping[str, Element]) -> None:
     """Say which attributes of joints that move belong to other programs, and are not in the model."""
-    unread = [
-        f"{key} of <{part.tag}> in {name!r}"
-        for name, joint in moving.items()
-        for part in joint
-        if part.tag in OPEN
-        for key in _unread(part)
-    ]
+    unread: dict[tuple[str, ...], list[str]] = {}  # joints, which are often all alike
+    for name, joint in moving.items():
+        for part in joint:
+            if part.tag in OPEN and (keys := _unread(part)):
+                unread.setdefault((part.tag, *keys), []).append(name)
+    found = "; ".join(
+        f"{', '.join(keys)} of <{tag}> in {', '.join(map(repr, names))}"
+        for (tag, *keys), names in unread.items()
+    )
     ask(
         unread,
-        f"{len(unread)} attributes are not read: {value_text(', '.join(unread), 200)}.",
-        "expected " + ", ".join(f"<{tag} {' '.join(ATTRIBUTES[tag][1])}>" for tag in OPEN),
-        "friction, coulomb_friction, stiffness and limits, where they are meant, in [[joint]] of the elastic file",
+        f"Attributes are not read: {readable(found, 400)}.",
+        "expected " + ", ".join(f"<{' '.join([tag, *itertools.chain(*ATTRIBUTES[tag])])}>" for tag in OPEN),
+        "friction, coulomb_friction, stiffness and limits, where they are meant, in [[joint]] of the robot file",
     )
 
 
