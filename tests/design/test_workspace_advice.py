@@ -170,7 +170,7 @@ def test_trials_end_with_their_time_and_the_first_that_meets_all(
     begun = next(clock)
     advise(design, 3.0)
     assert next(clock) - begun < 8
-    assert short.nearest is short.trials[0]
+    assert short.nearest is None  # what the rest of its requirements would have been, nobody knows
     assert not Trial(short.left[0], (), whole=False).met
 
 

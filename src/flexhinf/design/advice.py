@@ -140,8 +140,8 @@ class Advice:
 
     @property
     def nearest(self) -> Trial | None:
-        """The change that misses least; None where each was refused, or none was tried."""
-        tried = [trial for trial in self.trials if not trial.refused]
+        """The change that misses least, of those judged to their end; None without one."""
+        tried = [trial for trial in self.trials if trial.whole]
         return min(tried, key=lambda trial: trial.distance, default=None)
 
 

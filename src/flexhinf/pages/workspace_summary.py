@@ -265,6 +265,7 @@ def _misses(design: WorkspaceEvidence, trial: Trial) -> str:
     kinds = len({each.what for each in others} - {line.what})
     return (
         f"{line.what} {line.achieved_text}, required {line.limit_text}{f', and {kinds} more' * bool(kinds)}"
+        + "; given up then" * (not trial.whole)
     )
 
 
