@@ -8,7 +8,7 @@ from io import StringIO
 
 import numpy as np
 from rich.console import Console
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
@@ -76,3 +76,13 @@ def test_a_long_value_takes_several_lines_and_leaves_the_names_their_room_in_a_t
     assert any(joint in line for line in lines)
     (cell,) = [text for text in cells(table) if joint in text]
     assert f'long">{cell}' in table.html()
+
+
+def test_long_headings_leave_names_and_values_whole_in_a_terminal() -> None:
+    columns = ("joint", *(report.Column(f"a heading of words {k}", right=True) for k in range(6)))
+    rows = [(f"gen3_joint_{k}", *["4.92·10⁻⁵"] * 6) for k in (1, 2)]
+    file = StringIO()
+    Console(width=80, file=file).print(report.Table(columns, rows).terminal())
+    text = file.getvalue()
+    assert unnamed(text, "gen3_joint_1", "gen3_joint_2", "heading", 5) == []
+    assert "…" not in text

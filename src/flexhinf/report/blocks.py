@@ -10,6 +10,7 @@ import json
 import math
 import platform
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -470,11 +471,18 @@ class Table(Anchored):
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
         numeric, lines = self._written
+        headings = {
+            k: column.brief or ", ".join(filter(None, (column.name, column.unit)))
+            for k, column in enumerate(self.heads)
+        }
+        crowded = sum(1 + max(len(headings[k]), self._longest[k]) for k in there) > WIDTH - 2  # of its edges
         for k in there:
-            column, right = self.heads[k], numeric[k]
-            heading = column.brief or ", ".join(part for part in (column.name, column.unit) if part)
+            heading, right = headings[k], numeric[k]
             names = k == there[0] and not indent and self._longest[k] <= NAME
             whole = wide or names or (right and self._longest[k] <= VALUE)
+            if whole and crowded and not wide:  # else a terminal cuts the cells of all columns
+                longest = max(map(len, heading.split()), default=1)
+                heading = textwrap.fill(heading, max(self._longest[k], longest))
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
         for line in lines:
             if isinstance(line, str):
