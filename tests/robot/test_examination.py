@@ -10,6 +10,7 @@ import pytest
 from benchmarks.drives import SLOWER
 
 from flexhinf import load_robot
+from flexhinf.robot import catalogue
 from flexhinf.robot.drive_text import LOOPS
 from flexhinf.robot.estimates import LOST, SPEED, estimated_joints
 from flexhinf.robot.examination import examine_robot, joint_facts
@@ -73,6 +74,15 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     text = begun(path).read_text()
     assert "[links.upper]" in text
     assert "[links.lower]" in text
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_every_robot_of_the_catalogue_is_examined_without_a_fault(name: str) -> None:
+    """Those of a single link too, which have an inertia about their axis and no mass."""
+    result = examine_robot(catalogue()[name])
+    assert result.robot is not None
+    assert {finding.severity for finding in result.findings} <= {"doubt", "note"}
+    assert [joint.name for joint in result.joints] == [*result.robot.joint_names]
 
 
 @pytest.mark.parametrize(("mass", "told"), [(1.0, 1), (1.1, 0)])

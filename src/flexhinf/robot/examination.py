@@ -297,7 +297,8 @@ def _of_masses(masses: np.ndarray, inertias: np.ndarray) -> Iterator[RobotFindin
 
 def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
     numbers = robot.plant_parameters()
-    yield from _of_masses(np.atleast_1d(numbers["mass"]), np.atleast_1d(numbers["inertia"]))
+    if "inertia" in numbers:  # not of a single link, with an inertia about its axis
+        yield from _of_masses(np.atleast_1d(numbers["mass"]), np.atleast_1d(numbers["inertia"]))
     if robot.estimated:
         every = set(robot.joint_names)
         places = [
