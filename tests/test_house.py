@@ -362,3 +362,48 @@ def test_no_message_names_a_page_of_the_documentation_by_its_file(sources: dict[
         notes = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         said = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in notes]
         assert not [node.value for node in said if re.search(r"docs/\w+\.md", str(node.value))], file
+
+
+#: Names of libraries in the figures of rooms.
+LIBRARIES = {"NumPy", "CasADi", "WebAssembly"}
+
+#: What divides the steps of a figure: lines with arrows, spaces, commas.
+BETWEEN = re.compile(r"[─►◄▲▼│┌┐└┘├┤┬┴┼]+|  +|[\n,:]")
+
+
+def names_in(room: Path, sources: dict[Path, list[ast.AST]]) -> set[str]:
+    """What the docstring of a room may name: rooms, its own files with what these define, and classes of any room."""
+    names = {entry.stem for entry in room.parent.iterdir()}
+    for file, nodes in sources.items():
+        own = room in file.parents
+        path = file.relative_to(room.parent.parent).with_suffix("").parts
+        path = path[:-1] if file.stem == "__init__" else path
+        paths = {".".join(path[start:]) for start in range(len(path) if own else 2)}
+        definitions = (ast.ClassDef, ast.FunctionDef)
+        defined = {node.name for node in nodes[0].body if isinstance(node, definitions)}
+        names |= paths
+        names |= {f"{end}.{name}" for end in paths | {".".join(path[:2])} for name in defined}
+        names |= {name for name in defined if own or name[0].isupper()}
+    return names
+
+
+def test_a_room_begins_with_a_figure_whose_names_exist(
+    repository: Path, sources: dict[Path, list[ast.AST]]
+) -> None:
+    """A sentence, a figure of what flows through its files, and where to enter; no package in it is left out."""
+    packages = [file.parent for file in sources if file.name == "__init__.py"]
+    rooms = [package for package in packages if package.parent == repository / "src" / "flexhinf"]
+    assert len(rooms) > 20
+    for room in rooms:
+        text = ast.get_docstring(sources[room / "__init__.py"][0]) or ""
+        first, _, rest = text.partition("\n\n")
+        figure = rest.partition("::\n\n")[2].partition("\n\n")[0]
+        assert " and " not in first.partition(". ")[0], room.name
+        assert figure.count("─►") >= 3, room.name
+        steps = {step.strip() for step in BETWEEN.split(figure)}
+        named = {name.rstrip("/") for name in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", text)}
+        named |= {step for step in steps if re.fullmatch(r"[a-z_0-9.]+|[A-Z]\w*[a-z]\w*", step)}
+        named |= set(re.findall(r"\b[A-Z][a-z]\w*[A-Z]\w*", figure))
+        assert named - LIBRARIES - names_in(room, sources) == set(), room.name
+        inner = {package.name for package in packages if package.parent == room}
+        assert inner <= set(re.findall(r"\w+", text)), room.name

@@ -1,5 +1,11 @@
 """Analysis of one loop: linear loop, margins, corners of the tolerances, worst disturbances, dissipation budgets.
 
+::
+
+    Law, Estimator, a plant ────► equilibrium_loop ─┬─► linear_loop ─► margins, modes, corners
+                                                    └─► worst_disturbance, dissipation ─► bounds of the nonlinear loop
+    a criterion of parameters ──► optimiser ────────► Optimum
+
 Enter at `EquilibriumLoop`: one law, one estimator, one true plant, linearised where the sampled loop is in equilibrium.
 `margins`, `frequency_response` and `tolerance_corners` analyse it. `worst_disturbance` searches for a lower bound of
 the nonlinear loop's gain, and `dissipation_budget` accounts for what sampling, delay, estimator and limits use up of a

@@ -1,5 +1,11 @@
 """Standard laws to compare with, each behind `flexhinf.plant.Law`; `flexhinf.analysis.minimise` tunes them alike.
 
+::
+
+    Plant, a pose, its gains ─────┬─► equilibrium_law ─► LinearQuadratic ──┐
+                                  └─► placed_laws ─────► TorqueFeedback ───┼─► Law, which loop runs
+    Plant, gains at any pose ─────► posed_laws ────────► PosedLaw ─────────┘
+
 ============================  ==================================================================================
 law                           when to choose it
 ============================  ==================================================================================
@@ -9,6 +15,8 @@ law                           when to choose it
 `LinearQuadratic` (`lqr`)     the problem's own weights without H∞, good near its pose
 `GravityCompensatedLQR`       the same with the weight exact at every pose
 ============================  ==================================================================================
+
+Enter at the class of a law.
 """
 
 # Not checked strictly: lazy_loader has no types.

@@ -1,4 +1,10 @@
-"""Many perturbed loops: the i-th plant, its run, the journal of all runs, and their statistics.
+"""Many perturbed loops: the i-th plant, its run, the journal of all runs, their statistics.
+
+::
+
+    Draw ─► samples ─► batches ─┬─► driver ─► journal, parquet ─► results ─► CampaignJudgement
+            Metrics ────────────┘
+    box of the tolerances ──────► worst_case ─► WorstCase
 
 Enter at `run_campaign`, or at `Campaign`: a description of everything that a sample depends on. `run_batch` is a pure
 function of a campaign and the number of a batch, so batches can be run anywhere, in any order, and again. `Journal`

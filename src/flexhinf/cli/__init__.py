@@ -1,6 +1,11 @@
-"""The command line. No mathematics here: it reads options, calls the packages, and prints errors in three parts.
+"""The command line. No mathematics here: it reads options, calls the packages, prints errors in three parts.
 
-Nothing is imported before `main` is called, so that Ctrl-C is answered from then on.
+::
+
+    words of a shell ─► commands ─► arguments ─┬─► design, campaign, logs and others ─► a report in a folder
+                        options ───────────────┘   └─► messages ─► text on the screen, exit code
+
+Enter at `main`. Nothing is imported before it is called, so that Ctrl-C is answered from then on.
 """
 
 from __future__ import annotations

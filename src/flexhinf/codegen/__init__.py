@@ -2,9 +2,9 @@
 
 ::
 
-    NumPy ─► trace ─► dataflow ─► stages, straight ─► Program ─┬─► emit ─► LLVM ─► machine code
-                                  (what a person reads, for C) ├─► c ────► C99
-    loops over tables of places: the solver's, the checker's   └─► another target: a file, see CONTRIBUTING.md
+    NumPy ─► scalars.trace ─► dataflow ─► stages, straight ─► Program ─┬─► emit ─► LLVM ─► machine code
+                                          (what a person reads, for C) ├─► c ────► C99
+    loops over tables of places: the solver's, the checker's           └─► another target: a file, see CONTRIBUTING.md
        └─► loops ─► emit.writer ─► LLVM ─► machine code
 
 `program` has the steps; `compose` makes them of NumPy code, or `recorder` keeps the stages of one trace. `dataflow` has

@@ -1,7 +1,15 @@
-"""Design of a controller from a robot and a specification, and comparison of control laws.
+"""Design of a controller for a robot by a specification; comparison of control laws.
 
-`pipeline` has the entry points, `design` and `compare`, and their results. What they compute is in `synthesis`,
-`loop_setup`, `evaluation`, `checks`, `requirements`, `certification` and `tuning`; campaigns are in `campaign_folder`.
+::
+
+    Robot, Specification ─► pipeline ─┬─► workspace ─────────────► WorkspaceEvidence ─┐
+                                      └─► synthesis, evaluation ─► PoseEvidence ──────┴─► Design ─┬─► stored, pages
+                          laws, estimators, requirements: a file each                             ├─► campaign_folder
+                                                                                                  └─► exports
+
+Enter at `pipeline`: `design`, and `compare` for several laws. The default task is `workspace`: one law for all poses,
+with its search, its judgement and its proof. A design of one pose goes through `problem`, `synthesis`, `loop_setup`,
+`evaluation`, `checks` and `certification`. `load_design` of `stored` gives a design back from its folder.
 
 As an attribute of the package ``flexhinf.design`` is the function; its other names are imported from it, as in
 ``from flexhinf.design import Specification``.

@@ -1,4 +1,13 @@
-"""Estimators: the states a law needs, from the signals a robot has."""
+"""Estimators: the states a law needs, from the signals a robot has.
+
+::
+
+    Plant, noise levels ─► kalman, output_injection, stationary, modal ─► Estimator, which loop runs
+    u and y of a sample ─► shell: predict and correct ─► beliefs ─► a mean, its covariance
+                           └─► diagnosis ─► Diagnosis
+
+Enter at the class of a filter, such as `UnscentedKalmanFilter`; `diagnose` says which of its answers cannot be trusted.
+"""
 
 from flexhinf.estimation.diagnosis import Diagnosis, diagnose
 from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter

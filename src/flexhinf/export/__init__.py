@@ -1,4 +1,14 @@
-"""A controller as dependency-free C, as an FMU, as a shared library; a plant as an FMU."""
+"""A controller as dependency-free C, as an FMU, as a shared library; a plant as an FMU.
+
+::
+
+    Controller ─► controller_c ─┬─► package ──► C99 with its tests, ros2
+                                ├─► fmu ──────► an archive for Simulink and others
+                                ├─► compiled ─► a shared library ─► realtime, ros_node
+                                └─► web ──────► a page with WebAssembly
+
+Enter at `export_c`, `export_fmu`, `compile_controller`, `run_realtime`, `run_ros`, or at `web.page.write_page`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""Nonlinear H∞ synthesis: Riccati, attenuation level, Hamilton–Jacobi–Isaacs, regions of validity."""
+"""Nonlinear H∞ synthesis: Riccati, attenuation level, Hamilton–Jacobi–Isaacs, regions of validity.
+
+::
+
+    GeneralisedPlant ─► linear_part ─► hji ─► value_function ─┬─► solution ─► HJISolution, a Law
+                        P and γ*       │ ▲                    └─► sampled ──► SampledCheck
+                                       ▼ │ one degree more
+                                    recursion, homological
+
+Enter at `solve_hji`, at `linear_law` for degree 2, at `smallest_gamma` before either.
+"""
 
 from flexhinf.hinf.hji import linear_law, solve_hji
 from flexhinf.hinf.linear_part import smallest_gamma

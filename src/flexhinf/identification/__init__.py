@@ -1,4 +1,11 @@
-"""Logs of a robot: how they are read, what a filter makes of them, and the parameters that they tell.
+"""Logs of a robot: how they are read, what a filter makes of them, the parameters that they tell.
+
+::
+
+    a file ─► log_reader ─► Log ─┬─► doctor ──────────────────► LogFinding
+                                 ├─► filtering, smoothing ────► estimates in a table ─► consistency
+                                 └─► identify, output_error ──► Identification
+    Robot ─► excitation ─► a motion to record
 
 A log is a table of times, inputs and measured signals: `read_log` reads one from a file. `filter_log` runs a filter
 over it in one compiled call; `identify` finds the parameters under which the log is most likely, and says which of them

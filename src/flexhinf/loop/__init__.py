@@ -1,4 +1,10 @@
-"""Closed loops in simulation: enter at `Loop`, which runs a `Controller` on a true plant and returns a `Trajectory`.
+"""Closed loops in simulation: enter at `Loop`, whose run of a `Controller` on a true plant is a `Trajectory`.
+
+::
+
+    Law, Estimator, its limits ─► controller ─┐
+    commands and disturbances ──► signals ────┼─► simulation ─┬─► Trajectory, its metrics
+    a true plant ─────────────────────────────┘               └─► Ensemble: many plants, their metrics alone
 
 `controller/` is the part that a real-time system runs: law, estimator, integrals, limits, one compiled step. `signals/`
 are commands and disturbances. `simulation/` samples them, integrates the true plant and has the metrics.

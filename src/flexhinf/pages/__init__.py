@@ -1,4 +1,12 @@
-"""Reports of designs, comparisons, campaigns and proofs: pages, numbers, files, terminal tables. Computes nothing."""
+"""Reports of designs, comparisons, campaigns, proofs: pages, numbers, files, terminal tables. Computes nothing.
+
+::
+
+    Design, a campaign, a log ─► page, workspace, campaign ─► blocks of report ─► files ─► a folder
+                                 sections of pages.design   └─► terminal ─► one screen
+
+Enter at the pair of a result: `design_files` writes, `ending` ends the command; `write_report` does both for Python.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,12 @@
-"""The experiments of Elsa & Akbari (2014): runs, claims with their criteria, and a verdict for each."""
+"""The experiments of Elsa & Akbari (2014): runs, claims with their criteria, a verdict for each.
+
+::
+
+    PaperSettings ─► loop_setup ─► responses, estimators, tolerances ─► claims ─► reproduction ─► Reproduction
+                     all runs      a criterion each                     apart: a second process
+
+Enter at `reproduce`.
+"""
 
 # lazy_loader has no types.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false

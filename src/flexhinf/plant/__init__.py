@@ -1,4 +1,13 @@
-"""Plants, and the interfaces between physics, synthesis, estimation and closed loops."""
+"""Plants, with the interfaces between physics, synthesis, estimation, closed loops.
+
+::
+
+    ẋ and y as code ─► model ─► Plant ─┬─► Penalty ─► GeneralisedPlant ─► expansion ─► PolynomialPlant ─► hinf
+                                       ├─► integration ─► steps between two samples ─► estimation, loop
+                                       └─► joints ─► numbers of elastic joints ─► modal
+
+Enter at `Plant`; what a loop runs is a `Law`, an `Estimator` or a `BlackBox` of `protocols`.
+"""
 
 from flexhinf.plant.code import StoredCode
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps

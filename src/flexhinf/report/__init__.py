@@ -1,4 +1,12 @@
-"""Figures, tables, one self-contained HTML page, and the folder they are written to as a whole."""
+"""Figures, tables, one self-contained HTML page, the folder they are written to as a whole.
+
+::
+
+    a table, a curve ─► blocks, figure ─► Section ─► page ─► one file of HTML ─┬─► folder ─► all files or none
+                                                     numbers as JSON ──────────┘
+
+Enter at `Page` with its sections, then at `write` of `folder`.
+"""
 
 # Not checked strictly: lazy_loader has no types.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false

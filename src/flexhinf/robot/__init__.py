@@ -1,4 +1,15 @@
-"""Robots: physical parameters with tolerances and sources, and the plants made of them."""
+"""Robots: physical parameters with tolerances, their sources, the plants made of them.
+
+::
+
+    TOML ─────────► robot_file ─► parts ─► Robot ─┬─► arm, elastic ─► Plant, GeneralisedPlant
+    URDF, MJCF ─► urdf, mjcf ──────┘              ├─► workspace, kinematics ─► poses and moves
+                                                  ├─► feedforward, follower ─► references along a path
+                                                  └─► mujoco ─► MuJoCoPlant
+
+Enter at `load_robot`, or at `paper_arm`; `assembled` makes a robot of parts. `actuators` has published
+numbers of motors and gears.
+"""
 
 import lazy_loader
 

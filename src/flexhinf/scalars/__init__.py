@@ -1,4 +1,13 @@
-"""Elements that model code can be evaluated on: numbers, symbols, truncated polynomials, power series in time."""
+"""Elements that model code can be evaluated on: numbers, symbols, truncated polynomials, power series in time.
+
+::
+
+    NumPy code of a model ─┬─ on Symbol ─► trace ─► a CasADi function ─► codegen
+                           ├─ on Jet ────► jet ───► Taylor coefficients ─► plant
+                           └─ on Series ─► jet ───► derivatives along a motion
+
+Enter at `trace`, at `jets` or at `series`; the functions of `symbol` are NumPy's, on all these elements.
+"""
 
 from flexhinf.scalars.jet import (
     Jet as Jet,
