@@ -128,6 +128,39 @@ def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path,
     assert found == LOADED_BY_NAME | libraries
 
 
+#: Where pages take classes and constants alone: what is solved, searched for or checked is a result by then.
+COMPUTE = (
+    "analysis", "certify", "codegen", "estimation", "hinf", "modal", "design.proved_step", "design.synthesis",
+    "design.workspace.design", "design.workspace.pair_proof", "design.workspace.proof", "design.workspace.robustness",
+    "design.workspace.search",
+)  # fmt: skip
+
+#: Functions of these that pages may call: texts, a unit, sums of a few numbers, a part of a result.
+READS = {
+    "common_unit", "modal_filter", "motors_alone", "persistent_bound", "proved_errors", "shrinking", "theorem_parts",
+    "verification_text",
+}  # fmt: skip
+
+
+def test_pages_compute_nothing(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
+    """They import no function of a solver, a search or a checker, nor a whole file of these, nor the whole package."""
+    pages = repository / "src" / "flexhinf" / "pages"
+    nodes = [node for file, tree in sources.items() if pages in file.parents for node in tree]
+    imports = [node for node in nodes if isinstance(node, ast.ImportFrom)]
+    whole = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    taken = {
+        alias.name
+        for node in imports
+        if f"{node.module}.".startswith(tuple(f"flexhinf.{room}." for room in COMPUTE))
+        for alias in node.names
+    }
+    assert len(taken) > 20
+    assert {name for name in taken if name[0].islower()} == READS
+    rooms = {room.partition(".")[0] for room in COMPUTE}
+    assert {a.name for node in imports if node.module == "flexhinf" for a in node.names} & rooms == set()
+    assert {name for name in whole if name.startswith("flexhinf")} == set()
+
+
 def test_a_lazy_room_names_its_own_files_only(repository: Path) -> None:
     """The names of a stub are loaded on first use; the contract does not read stubs."""
     stubs = sorted((repository / "src" / "flexhinf").rglob("__init__.pyi"))

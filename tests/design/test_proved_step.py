@@ -44,6 +44,7 @@ def test_the_largest_step_is_the_one_that_the_limit_leaves() -> None:
     found = search_proved_step(ARM, (np.pi,), effort_limit=20.0, **few)
     assert 0.3 < found.step < np.pi
     assert 18.0 < found.peak_effort <= 20.0
+    assert found.gamma_star == fh.smallest_gamma(found.problem) < found.gamma
 
 
 @pytest.mark.ci("searches and proves laws")

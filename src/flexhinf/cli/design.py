@@ -424,6 +424,7 @@ def _whole_command(context: typer.Context, advice: str) -> str:
 def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
     from flexhinf.certify.certificate import theorem_text
+    from flexhinf.design.workspace.proof import pair_verdict, stored_proof
 
     for name in stated_options(context):
         refuse_if(
@@ -440,12 +441,12 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
     )
     if path.is_dir() and not (path / CERTIFICATE).exists() and (path / pages.PROOF_FILE).exists():
         path /= pages.PROOF_FILE
-    if (numbers := pages.workspace_certificate(path)) is not None:
+    if (numbers := stored_proof(path)) is not None:
         with ProofProgress() as bar:
             bar.step("check")
-            text, proved_again = pages.pair_check(numbers)
-        typer.echo(text)
-        return 0 if proved_again else NOT_MET
+            verdict = pair_verdict(numbers)
+        typer.echo(pages.pair_text(verdict))
+        return 0 if verdict.is_proved else NOT_MET
     certificate = fh.load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")

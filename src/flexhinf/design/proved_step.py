@@ -24,7 +24,7 @@ from flexhinf.certify.certificate import path_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
-from flexhinf.hinf import HJISolution, solve_hji
+from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
@@ -224,6 +224,7 @@ class ProvedLaw(BoxProof):
     design_problem: DesignProblem  # The problem that the law solves, at the law's γ
     peak_effort: float = np.inf  # Largest |u| of the step of the nominal robot, V or N·m
     candidates: int = 1  # Number of laws within the input limit whose inequality no sample refused
+    gamma_star: float = np.nan  # γ* of `problem`: nominal robot near the goal, any law; before the proof NaN
 
 
 def _check(robot: Robot, s: Specification) -> None:
@@ -341,7 +342,7 @@ def search_proved_step(
             except NotWithinTolerances as error:
                 reasons.append(reason_of(error))
             else:
-                return replace(proved, candidates=len(candidates))
+                return replace(proved, candidates=len(candidates), gamma_star=smallest_gamma(measured))
     often = sorted(dict.fromkeys(reasons), key=lambda reason: -reasons.count(reason))[:REASONS]
     within = f"whose step stays within {effort_limit:g} and " if np.isfinite(effort_limit) else ""
     raise InvalidInput(

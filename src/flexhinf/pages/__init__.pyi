@@ -87,8 +87,7 @@ from .run import (
 )
 from .terminal import SCREEN as SCREEN, wrapped as wrapped
 from .workspace_proof import (
-    pair_check as pair_check,
-    workspace_certificate as workspace_certificate,
+    pair_text as pair_text,
     workspace_proof_ending as workspace_proof_ending,
     workspace_proof_numbers as workspace_proof_numbers,
     workspace_proof_page as workspace_proof_page,

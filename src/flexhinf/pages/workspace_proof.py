@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
-from flexhinf.design.workspace.proof import WorkspaceProof, modal_filter
+from flexhinf.design.workspace.proof import PairVerdict, WorkspaceProof, modal_filter, proved_errors
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
@@ -376,53 +373,21 @@ def error_numbers(errors: Errors) -> dict[str, Any]:
     return dict(zip(("lower", "upper", "softer", "stiffer"), map(float, errors.numbers)))
 
 
-def workspace_certificate(path: Path) -> dict[str, Any] | None:
-    """The numbers of a proof.json; None of any other file."""
-    try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return None
-    return numbers if isinstance(numbers, dict) and numbers.get("kind") == "workspace" else None
-
-
-def pair_check(numbers: dict[str, Any]) -> tuple[str, bool]:
-    """What the checker says of the pairs of a proof.json, and whether they are proved; of nothing else in it.
-
-    Raises InvalidInput where they cannot be read.
-    """
-    pairs = numbers.get("pairs")
-    if not isinstance(pairs, dict):
-        return "Not proved: this file has no certificate of pairs.", False
-    found = check_pairs(claim := pair_claim(pairs))
-    if isinstance(found, int):
-        low, high = np.sqrt(claim.links[found : found + 2])
-        return (
-            f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s.",
-            False,
-        )
-    if beyond := _beyond(numbers.get("proved"), found):
-        return f"Not proved: the file says {beyond}, which is more than its certificate of pairs.", False
+def pair_text(verdict: PairVerdict) -> str:
+    """What the checker says of the pairs of a proof.json, and of nothing else in it."""
+    if verdict.failed is not None:
+        low, high = np.sqrt(verdict.failed)
+        return f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s."
+    if verdict.beyond:
+        return f"Not proved: the file says {verdict.beyond}, which is more than its certificate of pairs."
+    if verdict.claim is None or verdict.checked is None:
+        return "Not proved: this file has no certificate of pairs."
+    found = verdict.checked
     low, high = np.sqrt([found.low, found.high])
-    latency = count_text(claim.latency, "sample")
-    filter = "no estimator" if claim.seen is None else "the estimator"
-    errors = Errors(Sector(found.lower, found.upper), Sector(found.softer, found.stiffer))
+    latency = count_text(verdict.claim.latency, "sample")
+    filter = "no estimator" if verdict.claim.seen is None else "the estimator"
     return (
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
-        f"{errors_text(errors)}, with {latency} of latency and {filter} of the file, in "
-        f"{count_text(found.intervals, 'interval')}. Robot, poses and hypotheses in the file are not checked.",
-        True,
+        f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file, in "
+        f"{count_text(found.intervals, 'interval')}. Robot, poses and hypotheses in the file are not checked."
     )
-
-
-def _beyond(stated: Any, found: CheckedPairs) -> str:
-    """What a file says is proved beyond what the check finds; empty where there is nothing."""
-    if not isinstance(stated, dict):
-        return "" if stated is None else "something else"
-    for name, value in found._asdict().items():
-        own = stated.get(name)
-        if isinstance(own, bool) or not isinstance(own, (int, float)):
-            return f"{name} = {str(own)[:40]}"
-        less = own >= value if name == "low" else own <= value or name == "intervals"
-        if not less:
-            return f"{name} = {own:g}"
-    return ""

@@ -6,14 +6,16 @@ Without such a proof `flexhinf.modal.stability` says for which pairs the loop wi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
+from flexhinf.certify.checker.pairs import CheckedPairs, PairClaim, check_pairs, pair_claim
 from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses, stated_errors
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -169,3 +171,52 @@ def with_others(
     if proof.checked is None:
         return proof
     return proof._replace(largest=largest_masses(setup, proof.errors.masses, loaded or setup.true.robot))
+
+
+class PairVerdict(NamedTuple):
+    """What the checker says of the certificate of pairs in a proof.json."""
+
+    claim: PairClaim | None = None  # None where the file has none
+    checked: CheckedPairs | None = None  # None where the check fails
+    failed: tuple[float, float] | None = None  # λ of the interval in which it does, 1/s²
+    beyond: str = ""  # what the file says is proved beyond what the check finds
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether the pairs are proved, and the file says no more than that."""
+        return self.checked is not None and not self.beyond
+
+
+def stored_proof(path: Path) -> dict[str, Any] | None:
+    """The numbers of a proof.json; None of any other file."""
+    try:
+        numbers = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return numbers if isinstance(numbers, dict) and numbers.get("kind") == "workspace" else None
+
+
+def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
+    """The check of the pairs of a proof.json, and of nothing else in it; InvalidInput where they cannot be read."""
+    pairs = numbers.get("pairs")
+    if not isinstance(pairs, dict):
+        return PairVerdict()
+    claim = pair_claim(cast("dict[str, Any]", pairs))
+    found = check_pairs(claim)
+    if isinstance(found, int):
+        return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
+    return PairVerdict(claim, found, beyond=_beyond(numbers.get("proved"), found))
+
+
+def _beyond(stated: Any, found: CheckedPairs) -> str:
+    """What a file says is proved beyond what the check finds; empty where there is nothing."""
+    if not isinstance(stated, dict):
+        return "" if stated is None else "something else"
+    for name, value in found._asdict().items():
+        own = stated.get(name)
+        if isinstance(own, bool) or not isinstance(own, (int, float)):
+            return f"{name} = {str(own)[:40]}"
+        less = own >= value if name == "low" else own <= value or name == "intervals"
+        if not less:
+            return f"{name} = {own:g}"
+    return ""

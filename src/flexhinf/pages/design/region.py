@@ -15,7 +15,6 @@ from flexhinf.certify.certificate import NO_LATENCY
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
-from flexhinf.hinf import smallest_gamma
 from flexhinf.numerals import at_least, at_most, number
 from flexhinf.pages.drawing import (
     Blocks,
@@ -351,7 +350,7 @@ def level_table(design: PoseEvidence) -> Table:
     worst, proved, title = design.attenuation.attained, design.synthesis.proved, ""
     attained = [] if worst is None else [("worst disturbance found (lower bound)", worst.gain)]
     if proved is not None:
-        star = ("γ* of this z, nominal robot near the goal, any law", smallest_gamma(proved.problem))
+        star = ("γ* of this z, nominal robot near the goal, any law", proved.gamma_star)
         rows = [star, *attained, ("γ that is proved", proved.gamma)]
         title = f"{textwrap.fill(_degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
     else:
