@@ -373,6 +373,30 @@ def test_no_value_is_read_for_a_side_effect(repository: Path, sources: dict[Path
     assert found == []
 
 
+#: Methods that may write into a frozen object: its construction, and what that calls.
+CONSTRUCTION = {"__init__", "__post_init__", "__setstate__", "_check_curve", "_check_drive", "_equilibrium"}
+
+
+def test_a_frozen_object_is_written_by_its_construction_alone(
+    repository: Path, sources: dict[Path, list[ast.AST]]
+) -> None:
+    """What it keeps for the next call is a cached property; changing that is no write into the object."""
+    classes = [node for nodes in sources.values() for node in nodes if isinstance(node, ast.ClassDef)]
+    frozen = [kind for kind in classes if any("frozen=True" in ast.unparse(d) for d in kind.decorator_list)]
+    assert len(frozen) > 50
+    writers = {
+        method.name
+        for kind in frozen
+        for method in kind.body
+        if isinstance(method, ast.FunctionDef)
+        and re.search(
+            r"object\.__setattr__\(self,|(vars\(self\)|self\.__dict__)(\[[^]]+\] = |\.update\()",
+            ast.unparse(method),
+        )
+    }
+    assert writers == CONSTRUCTION
+
+
 def test_a_refusal_is_a_block_that_is_entered(repository: Path) -> None:
     """`refused_with(...)` alone makes a block and enters none: a test that cannot fail."""
     files = {file: file.read_text(encoding="utf-8") for file in (repository / "tests").rglob("*.py")}

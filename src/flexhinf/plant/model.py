@@ -261,7 +261,7 @@ class Model(Summarised):
             return
         arguments, columns = self._flow_symbols
         text = serial(columns, self._flow_text(*arguments))
-        if text == vars(self).get("_checked"):  # as it was when it was traced: half the work of a trace
+        if text in self._known_texts:  # as it was when it was traced: half the work of a trace
             return
         refuse_if(
             digest(self._trace_flow()) != self._content[0],
@@ -269,7 +269,11 @@ class Model(Summarised):
             "expected the same operations and constants: a global or an attribute that it reads has changed",
             "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
         )
-        vars(self)["_checked"] = text
+        self._known_texts.add(text)
+
+    @cached_property
+    def _known_texts(self) -> set[str]:  # of the flow, that compute what was traced
+        return set()
 
     @cached_property
     def _flow_symbols(self) -> tuple[list[Elements], list[ca.SX]]:  # as arrays and as columns

@@ -332,10 +332,16 @@ class GeneralisedPlant(Summarised):
         the same problem checks that its code is unchanged, and uses it again.
         """
         self.check_unchanged()
-        last: tuple[int, PolynomialPlant] | None = vars(self).get("_expansion")
-        if last is None or last[0] != degree:
-            last = vars(self)["_expansion"] = degree, expand_problem(self, degree)
-        return last[1]
+        expanded = self._expansion.get(degree)
+        if expanded is None:
+            expanded = expand_problem(self, degree)
+            self._expansion.clear()
+            self._expansion[degree] = expanded
+        return expanded
+
+    @cached_property
+    def _expansion(self) -> dict[int, PolynomialPlant]:  # the last one, by its degree
+        return {}
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in vars(self).items() if name != "_expansion"}  # it may be large
@@ -543,17 +549,9 @@ def linear_plant(plant: Plant, x: ArrayLike, u: ArrayLike) -> Plant:
 def _linear_plant(
     values: tuple[np.ndarray, ...], states: Sequence[str], inputs: Sequence[str], **names: Any
 ) -> Plant:
-    kinds = (
-        "state_matrix",
-        "input_matrix",
-        "disturbance_matrix",
-        "output_matrix",
-        "feedthrough",
-        "state",
-        "input",
-        "output",
-    )
-    return Plant(linear_flow, linear_output, states, inputs, parameters=dict(zip(kinds, values)), **names)
+    kinds = "state_matrix input_matrix disturbance_matrix output_matrix feedthrough state input output"
+    parameters = dict(zip(kinds.split(), values))
+    return Plant(linear_flow, linear_output, states, inputs, parameters=parameters, **names)
 
 
 def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plant:

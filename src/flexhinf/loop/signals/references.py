@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Protocol, TypeAlias, cast
 
 import numpy as np
@@ -365,6 +366,13 @@ class Braked(StatedRepr):
         return np.stack(rows[: order + 1])
 
 
+@dataclass
+class _Evaluated:
+    """What a `Moving` gave last: times, states and inputs; None before the first time."""
+
+    parts: Sequence[np.ndarray] | None = None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Moving(StatedRepr):
     """(x_d, u_d) along signals, by inverse dynamics: the command of ``Controller(moving=True)``.
@@ -431,11 +439,15 @@ class Moving(StatedRepr):
     @property
     def last(self) -> Sequence[np.ndarray] | None:
         """What it gave last, for the instants of a run: times (N,), x_d, u_d; the next robot may be commanded alike."""
-        return vars(self).get("_last")
+        return self._evaluated.parts
 
     def resume(self, last: Sequence[np.ndarray]) -> None:
         """Go on from what the same command gave `last` in another process."""
-        object.__setattr__(self, "_last", last)
+        self._evaluated.parts = last
+
+    @cached_property
+    def _evaluated(self) -> _Evaluated:
+        return _Evaluated()
 
     def _both(self, t: Any) -> tuple[np.ndarray, np.ndarray]:
         times, kept = np.array(t, dtype=float, ndmin=1), self.last
@@ -449,7 +461,7 @@ class Moving(StatedRepr):
                 "robot.inverse_dynamics",
             )
             kept = times, *parts
-            object.__setattr__(self, "_last", kept)  # many robots are commanded the same
+            self._evaluated.parts = kept  # many robots are commanded the same
         _, x, u = kept
         return (x.copy(), u.copy()) if np.ndim(t) else (x[0].copy(), u[0].copy())
 
