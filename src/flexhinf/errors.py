@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -82,7 +82,7 @@ def refuse_if(wrong: object, what: str, found: str, advice: str) -> None:
 
 
 @contextmanager
-def located(where: str) -> Iterator[None]:
+def located(where: str) -> Generator[None]:
     """Say in an error of the block where it is: "arm.toml: joint 'elbow'"."""
     try:
         yield

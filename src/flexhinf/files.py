@@ -19,7 +19,7 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
@@ -193,7 +193,7 @@ def _raise_interruption(error: BaseException) -> None:
 
 
 @contextmanager
-def part_file(folder: Path, prefix: str, cleared: bool = False) -> Iterator[str]:
+def part_file(folder: Path, prefix: str, cleared: bool = False) -> Generator[str]:
     """The name of a new file to write and then to rename; it is removed where that does not happen.
 
     The file is locked until the end of the block, so that others can tell it from one whose process was killed. Of
@@ -358,7 +358,7 @@ def note_written(temporary: str | os.PathLike[str], path: Path) -> None:
 
 
 @contextmanager
-def recorded() -> Iterator[Callable[[], list[Path]]]:
+def recorded() -> Generator[Callable[[], list[Path]]]:
     """What is written inside of the block: a function that tells the names, whenever it is asked.
 
     It looks on the disk for what was to get each name. A list kept after each renaming would miss one that Ctrl-C
@@ -384,7 +384,7 @@ def _identity(path: str | os.PathLike[str]) -> tuple[int, int]:
 
 
 @contextmanager
-def locked(path: Path, patience: float = 0.0) -> Iterator[Literal["held", "busy", "none"]]:
+def locked(path: Path, patience: float = 0.0) -> Generator[Literal["held", "busy", "none"]]:
     """Hold a lock file for the block; it is removed afterwards.
 
     The lock is the kernel's and ends with the process that holds it, however that ends. It needs no process ids, which

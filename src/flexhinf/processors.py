@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
@@ -74,7 +74,7 @@ def set_threads(count: int) -> None:
 
 
 @contextmanager
-def limited_threads(count: int | None) -> Iterator[None]:
+def limited_threads(count: int | None) -> Generator[None]:
     """Meanwhile `thread_count` is this number, in all of the process; None changes nothing."""
     if count is None:
         yield
