@@ -17,12 +17,27 @@ if TYPE_CHECKING:
 #: Options of a run that a node does not read, and what they act on: it makes no move of its own, and records nothing.
 IDLE = {
     **dict.fromkeys(
-        ("pose", "pose_xyz", "move", "load", "load_at", "tracking_error", "undershoot", "path_distance",
-         "remaining_error", "ripple", "overshoot", "shaping", "feedforward"),
+        (
+            "pose",
+            "pose_xyz",
+            "move",
+            "load",
+            "load_at",
+            "tracking_error",
+            "undershoot",
+            "path_distance",
+            "remaining_error",
+            "ripple",
+            "overshoot",
+            "shaping",
+            "feedforward",
+        ),
         "a run of one step or move (without --ros)",
     ),
-    **dict.fromkeys(("out", "log", "record", "verbose"), "a run that is recorded (without --ros; ros2 bag records)"),
-}  # fmt: skip
+    **dict.fromkeys(
+        ("out", "log", "record", "verbose"), "a run that is recorded (without --ros; ros2 bag records)"
+    ),
+}
 
 
 def run_node(context: typer.Context, o: options.RunOptions, path: Path) -> int:

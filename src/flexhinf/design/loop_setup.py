@@ -401,9 +401,12 @@ class LoopSetup(LoopPlants):
         return self.chosen_zone if zone is None else np.maximum(self.chosen_zone, zone)
 
     def loop(
-        self, controller: Controller, plant: Any = None, sub_steps: int | None = None,
+        self,
+        controller: Controller,
+        plant: Any = None,
+        sub_steps: int | None = None,
         values: Mapping[str, Any] | None = None,
-    ) -> Loop:  # fmt: skip
+    ) -> Loop:
         """A loop with the true plant and these parameters, or with another plant; with delay and quantisation."""
         if plant is None or values is not None:
             plant, sub_steps = with_values(self.true_plant, values), sub_steps or self.sub_steps

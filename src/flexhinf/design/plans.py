@@ -313,9 +313,10 @@ def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
     coupled = [row != own for row, own in zip(robot.layout.matrix.tolist(), np.eye(len(joints)).tolist())]
     pairs = [["", ""] if other else pair for pair, other in zip(pairs, coupled)]
     seen = [
-        (gap, *pair) for gap, pair in zip(width.tolist(), robot.layout.of_springs(np.array(pairs)).tolist())
+        (gap, *pair)
+        for gap, pair in zip(width.tolist(), robot.layout.of_springs(np.array(pairs)).tolist())
         if gap > 0.0 and {*pair} <= {*measured}
-    ]  # fmt: skip
+    ]
     return Backlash(*map(list, zip(*seen))) if seen else None
 
 

@@ -297,25 +297,46 @@ def refusals(session: Session) -> list[FollowGoal]:
         return np.array([rows[0], to[::-1]])
 
     changes: list[GoalChange] = [
-        {}, {"times": times[::-1]}, {"times": times[0] + np.array([0.0, 0.9 * period / PASSED])},
-        {"times": times[0] + np.array([0.0, 1.1 * period / PASSED])}, {"times": [times[0], np.inf]},
-        {"times": [np.nan, times[1]]}, {"times": [-period, times[1]]}, {"times": [0.0, times[1]]},
+        {},
+        {"times": times[::-1]},
+        {"times": times[0] + np.array([0.0, 0.9 * period / PASSED])},
+        {"times": times[0] + np.array([0.0, 1.1 * period / PASSED])},
+        {"times": [times[0], np.inf]},
+        {"times": [np.nan, times[1]]},
+        {"times": [-period, times[1]]},
+        {"times": [0.0, times[1]]},
         {"positions": np.where(still == ended, rows, np.nan)},
         {"positions": moved(session.home + 1.1 * own.speeds * (times[1] - times[0]))},
         {"positions": moved(np.where(np.arange(n) == n - 1, high + 0.01, session.home))},
         {"positions": moved(np.where(np.arange(n) == 0, low - 0.01, session.home))},
-        {"positions": moved(session.home + 1.1 * own.jumps), "times": [times[0], times[0] + 0.5 * own.smoothing]},
-        {"positions": moved(session.home + 0.9 * own.jumps), "times": [times[0], times[0] + 0.1 * own.smoothing]},
-        {"velocities": ended}, {"velocities": infinite}, {"velocities": still, "accelerations": infinite},
+        {
+            "positions": moved(session.home + 1.1 * own.jumps),
+            "times": [times[0], times[0] + 0.5 * own.smoothing],
+        },
+        {
+            "positions": moved(session.home + 0.9 * own.jumps),
+            "times": [times[0], times[0] + 0.1 * own.smoothing],
+        },
+        {"velocities": ended},
+        {"velocities": infinite},
+        {"velocities": still, "accelerations": infinite},
         {"velocities": still, "accelerations": still},
-        {"path_tolerance": {first: (-0.5, 0.0)}}, {"path_tolerance": {last: (0.0, np.nan)}},
-        {"goal_tolerance": {first: (np.inf, 0.0)}}, {"goal_tolerance": {last: (0.0, -1.1)}},
-        {"goal_tolerance": {last: (-1.0, 0.1)}}, {"goal_time": -2.0}, {"goal_time": -1.0}, {"goal_time": np.nan},
-        {"begins": -times[1] - 0.1 * period}, {"begins": -times[1] + 0.1 * period}, {"begins": np.nan},
-        {"times": [], "positions": np.zeros((0, n))}, {"times": [0.0], "positions": rows[:1]},
+        {"path_tolerance": {first: (-0.5, 0.0)}},
+        {"path_tolerance": {last: (0.0, np.nan)}},
+        {"goal_tolerance": {first: (np.inf, 0.0)}},
+        {"goal_tolerance": {last: (0.0, -1.1)}},
+        {"goal_tolerance": {last: (-1.0, 0.1)}},
+        {"goal_time": -2.0},
+        {"goal_time": -1.0},
+        {"goal_time": np.nan},
+        {"begins": -times[1] - 0.1 * period},
+        {"begins": -times[1] + 0.1 * period},
+        {"begins": np.nan},
+        {"times": [], "positions": np.zeros((0, n))},
+        {"times": [0.0], "positions": rows[:1]},
         {"joint_names": joints[:1], "positions": rows[:, -1:]},
         {"joint_names": [], "positions": np.zeros((2, 0))},
-    ]  # fmt: skip
+    ]
     if own.limits.limits:  # one half, and half more, of the largest bend at the end
         for share in (0.5, 1.5):
             slope = share * np.min(own.limits.commands / own.limits.bends, axis=0)

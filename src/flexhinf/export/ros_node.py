@@ -178,10 +178,19 @@ class RosNode:
         self._lock = threading.Lock()
         self._goals: list[_Followed] = []
         self._open: dict[bytes, _Followed] = {}
-        self._served = None if self._action is None else ros["rclpy.action"].ActionServer(
-            self.node, self._action, "~/follow_joint_trajectory", self._execute, goal_callback=self._consider,
-            handle_accepted_callback=self._begin, cancel_callback=self._allow_cancel,
-        )  # fmt: skip
+        self._served = (
+            None
+            if self._action is None
+            else ros["rclpy.action"].ActionServer(
+                self.node,
+                self._action,
+                "~/follow_joint_trajectory",
+                self._execute,
+                goal_callback=self._consider,
+                handle_accepted_callback=self._begin,
+                cancel_callback=self._allow_cancel,
+            )
+        )
         self._executor = ros["rclpy.executors"].MultiThreadedExecutor(THREADS, context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, daemon=True)

@@ -40,8 +40,10 @@ def state_groups(code: ControllerCode) -> dict[str, list[str]]:
     joints: Sequence[str] = () if code.robot is None else code.robot.joint_names
     followed = [f"{kind}_{joint}" for kind in ("position", "velocity") for joint in joints]
     health = [name for name, _, _ in health_names(code)]
-    signals = {group: identifiers(code.signals[kind]) for group, kind in
-               (("input", "U"), ("measured", "Y"), ("estimate", "X"))}  # fmt: skip
+    signals = {
+        group: identifiers(code.signals[kind])
+        for group, kind in (("input", "U"), ("measured", "Y"), ("estimate", "X"))
+    }
     return {"health": health, **signals, **dict.fromkeys(FOLLOWED, followed)}
 
 

@@ -150,27 +150,50 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
     late = f"goal time, {follower.goal_time:g} s" if follower.goal_time else "the goal time, none"
     timeout = f"time-out, {follower.timeout:g} s" if follower.timeout else "the time-out, none"
     return [
-        (f"-1 `{code.upper('FOLLOW_INVALID_GOAL')}`",
-         "the goal cannot be followed, or not from the motion that there is: a jump, or too quick",
-         same, begun, "tell the sender; send one that begins where the arm is to be now"),
-        (f"-2 `{code.upper('FOLLOW_INVALID_JOINTS')}`",
-         "no joint moves, or one is left out without `options.partial`",
-         same, f"`{n}_follow_check`: at once", "tell the sender; name all joints"),
-        (f"-3 `{code.upper('FOLLOW_OLD_HEADER_TIMESTAMP')}`", "the trajectory is over before it begins",
-         same, begun, "compare the clocks; send it anew"),
-        (f"-4 `{code.upper('FOLLOW_PATH_TOLERANCE_VIOLATED')}`",
-         "on its way a joint is farther from its place or velocity than the path tolerance",
-         f"comes to rest within `options.stop_time`, {follower.stop_time:g} s unless you change it, and holds; "
-         "a goal that waits is dropped",
-         f"{AT_ONCE}{behind}", "brake if the arm does not follow that stop; find what holds it"),
-        (f"-5 `{code.upper('FOLLOW_GOAL_TOLERANCE_VIOLATED')}`",
-         "behind its path a joint is outside of the goal tolerance until the goal time or the time-out is over",
-         "holds the end of the path", f"after {late}, or {timeout}, unless goal or options change it",
-         "tell the sender; find what holds the arm"),
-        (f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`",
-         "a row from elsewhere jumps, is not finite, or twists a spring more than its drive can",
-         "nothing: it only tells", AT_ONCE, f"do not give that row to `{n}_step`: repeat the one before, or brake"),
-    ]  # fmt: skip
+        (
+            f"-1 `{code.upper('FOLLOW_INVALID_GOAL')}`",
+            "the goal cannot be followed, or not from the motion that there is: a jump, or too quick",
+            same,
+            begun,
+            "tell the sender; send one that begins where the arm is to be now",
+        ),
+        (
+            f"-2 `{code.upper('FOLLOW_INVALID_JOINTS')}`",
+            "no joint moves, or one is left out without `options.partial`",
+            same,
+            f"`{n}_follow_check`: at once",
+            "tell the sender; name all joints",
+        ),
+        (
+            f"-3 `{code.upper('FOLLOW_OLD_HEADER_TIMESTAMP')}`",
+            "the trajectory is over before it begins",
+            same,
+            begun,
+            "compare the clocks; send it anew",
+        ),
+        (
+            f"-4 `{code.upper('FOLLOW_PATH_TOLERANCE_VIOLATED')}`",
+            "on its way a joint is farther from its place or velocity than the path tolerance",
+            f"comes to rest within `options.stop_time`, {follower.stop_time:g} s unless you change it, and holds; "
+            "a goal that waits is dropped",
+            f"{AT_ONCE}{behind}",
+            "brake if the arm does not follow that stop; find what holds it",
+        ),
+        (
+            f"-5 `{code.upper('FOLLOW_GOAL_TOLERANCE_VIOLATED')}`",
+            "behind its path a joint is outside of the goal tolerance until the goal time or the time-out is over",
+            "holds the end of the path",
+            f"after {late}, or {timeout}, unless goal or options change it",
+            "tell the sender; find what holds the arm",
+        ),
+        (
+            f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`",
+            "a row from elsewhere jumps, is not finite, or twists a spring more than its drive can",
+            "nothing: it only tells",
+            AT_ONCE,
+            f"do not give that row to `{n}_step`: repeat the one before, or brake",
+        ),
+    ]
 
 
 def set_bits(code: ControllerCode, run: Recording) -> str:
@@ -190,20 +213,34 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
     vector, rehearsal = f"`{n}_test.c`", f"`{n}_contract.c`"
     rows = [
         ("inputs are those of the simulation", f"`{n}_step`", f"{vector}, every row"),
-        ("outputs are finite and within the narrower limits, whatever the code", f"`{n}_limit`, `{n}_hold`",
-         f"{rehearsal}: after every step"),
+        (
+            "outputs are finite and within the narrower limits, whatever the code",
+            f"`{n}_limit`, `{n}_hold`",
+            f"{rehearsal}: after every step",
+        ),
         ("nothing is computed before a start", f"`{n}_step`", f"{rehearsal}: `starts`"),
         ("a start that is not finite is refused", f"`{n}_start`", f"{rehearsal}: `starts`"),
         ("a command that is not finite changes nothing", f"`{n}_sample`", f"{rehearsal}: `samples`"),
-        ("a wrong period is found, where the time between steps is given", f"`{n}_slipped`", f"{rehearsal}: `periods`"),
+        (
+            "a wrong period is found, where the time between steps is given",
+            f"`{n}_slipped`",
+            f"{rehearsal}: `periods`",
+        ),
         ("samples without a measurement end in STOPPED", f"`{n}_step`", f"{rehearsal}: `samples`"),
-        ("an overwritten memory is found, and an earlier one taken", f"`{n}_went_back`",
-         f"{rehearsal}: `overwritten`, `overwritten_parts`, `goes_back`"),
+        (
+            "an overwritten memory is found, and an earlier one taken",
+            f"`{n}_went_back`",
+            f"{rehearsal}: `overwritten`, `overwritten_parts`, `goes_back`",
+        ),
         ("limits of the caller narrow, and never widen", f"`{n}_limit`", f"{rehearsal}: `limits`, `wide`"),
-        ("parameters that the design is not for are found", f"`{n}_check`", f"{rehearsal}: `limits`, `checks`"),
+        (
+            "parameters that the design is not for are found",
+            f"`{n}_check`",
+            f"{rehearsal}: `limits`, `checks`",
+        ),
         ("flags that change results are refused", f"`{n}_init`, `{n}_exact`", "your build: `make test`"),
         ("bits of the status are set where they must be", f"`{n}_step`", f"{vector}, from row `BEGUN` on"),
-    ]  # fmt: skip
+    ]
     if code.controller.mode.checks_measurements:
         rows.append(
             ("measurements that cannot be are missing", f"`{n}_plausible`", f"{vector}, from row `BEGUN` on")

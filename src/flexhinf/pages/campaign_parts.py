@@ -320,22 +320,29 @@ def write_pair(result: DesignPair) -> Path:
     with house_style():  # once for all figures
         blocks = [*_success(result), *_differences(result, varied[:6]), *_extremes(result, varied)]
     return write_page(
-        result.folder, "report of the comparison",
+        result.folder,
+        "report of the comparison",
         Page(
             f"Two designs on the same robots “{result.a.request.robot.name}”",
             f"{result.paired.count} robots, each with its own measurement noise, run twice for "
             f"{short_numbers(settings['duration'])} s: with the controller A of {result.names[0]} and "
             f"with the controller B of {result.names[1]}.",
-            pair_verdict(result), (Section("A against B", blocks, "pair", True),),
-            Settings({"Samples": stated}), Provenance(shlex.join(result.command), int(settings["seed"])),
+            pair_verdict(result),
+            (Section("A against B", blocks, "pair", True),),
+            Settings({"Samples": stated}),
+            Provenance(shlex.join(result.command), int(settings["seed"])),
             [
                 *(
-                    KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")
+                    KeyNumber(
+                        f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone"
+                    )
                     for side, failures, only in zip("AB", counts.failures, (counts.only_a, counts.only_b))
                 ),
                 *(
                     KeyNumber(
-                        metric_text(metric.name), _signed(metric.median), metric.unit,
+                        metric_text(metric.name),
+                        _signed(metric.median),
+                        metric.unit,
                         f"median of B − A; {_interval_text(result, metric)}",
                     )
                     for metric in varied[:2]
@@ -347,7 +354,7 @@ def write_pair(result: DesignPair) -> Path:
                 for status in design_statuses(verdict_of(judged.table.journal) or UNKNOWN)
             ],
         ),
-    )  # fmt: skip
+    )
 
 
 # In words ----------------------------------------------------------------------------------------------------
@@ -422,8 +429,9 @@ def _success(result: DesignPair) -> list[Any]:
         "holds for them, and none is stated (`--method random` has them)."
     )
     return [
-        Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs") if differing else
-        Note("The specifications do not differ: the controllers are two of the same design."),
+        Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
+        if differing
+        else Note("The specifications do not differ: the controllers are two of the same design."),
         Paragraph(
             f"Robots, noise, sensors, motors and step are the same for both; the folders {FOLDERS[0]} and {FOLDERS[1]} "
             "have the report of each. A sample is a success if its run reaches its end, is stable there, and keeps the "
@@ -431,23 +439,33 @@ def _success(result: DesignPair) -> list[Any]:
         ),
         *(
             [Note(f"B by itself requires {', '.join(own)}; here both are judged by the same requirements.")]
-            if own != result.a.requirements else []
+            if own != result.a.requirements
+            else []
         ),
         Table(
             ("", "B keeps them", "B fails"),
             [("A keeps them", tally.neither, tally.only_b), ("A fails", tally.only_a, tally.both_fail)],
-            "Pairs", "table-pairs",
+            "Pairs",
+            "table-pairs",
         ),
         Table(
             ("", "success", "95 %: from", "to"),
             [
-                (f"{name}: {source}", percent_text(side.rate),
-                 *(("–", "–") if side.success is None else map(percent_text, (side.success.low, side.success.high))))
+                (
+                    f"{name}: {source}",
+                    percent_text(side.rate),
+                    *(
+                        ("–", "–")
+                        if side.success is None
+                        else map(percent_text, (side.success.low, side.success.high))
+                    ),
+                )
                 for name, source, side in zip("AB", result.names, result.judged)
             ],
-            "Each by itself, by Clopper and Pearson", "table-rates",
+            "Each by itself, by Clopper and Pearson",
+            "table-rates",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def pair_table(result: DesignPair, names: Sequence[str]) -> Table:

@@ -202,9 +202,12 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
 def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
     return Table.of(
         (
-            Column("run", key="run"), Column("overshoot", "%", 2, key="overshoot_percent"),
+            Column("run", key="run"),
+            Column("overshoot", "%", 2, key="overshoot_percent"),
             Column("settling", "s", 2, key="settling_time_s"),
-            Column("largest error in the last 3 s", "°", 3, key="steady_state_error", scale=math.degrees(1.0)),
+            Column(
+                "largest error in the last 3 s", "°", 3, key="steady_state_error", scale=math.degrees(1.0)
+            ),
             Column("changes of the plant", key="changes"),
         ),
         [
@@ -212,8 +215,9 @@ def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
             for name, k in worst_runs(runs).items()
         ],
         "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle.",
-        "table-worst-runs", stacks=True,
-    )  # fmt: skip
+        "table-worst-runs",
+        stacks=True,
+    )
 
 
 #: Title, caption, and drawing as SVG, by the figure's number in the paper.
@@ -379,45 +383,77 @@ def _page(reproduction: Reproduction) -> Page:
         f"says. The law acts on {'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
         summary(claims),
         (
-            Section("Verdict per claim", (
-                Paragraph(
-                    "Each claim has a criterion, fixed before the result, a verdict computed from it, and the numbers "
-                    "behind it under “Evidence”; another option may turn a verdict. Nothing here is proved: stable or "
-                    "unstable is by the growth rates of the linear loop, the rest by runs and searches."
+            Section(
+                "Verdict per claim",
+                (
+                    Paragraph(
+                        "Each claim has a criterion, fixed before the result, a verdict computed from it, and the "
+                        "numbers behind it under “Evidence”; another option may turn a verdict. Nothing here is "
+                        "proved: stable or unstable is by the growth rates of the linear loop, the rest by runs and "
+                        "searches."
+                    ),
+                    Claims(claims),
+                    Table(
+                        ("the paper says", "why it is not judged"),
+                        NOT_JUDGED,
+                        "What no claim here judges.",
+                        "table-not-judged",
+                        stacks=True,
+                    ),
                 ),
-                Claims(claims),
-                Table(
-                    ("the paper says", "why it is not judged"), NOT_JUDGED,
-                    "What no claim here judges.", "table-not-judged", stacks=True,
-                ),
-            ), "claims", True),
+                "claims",
+                True,
+            ),
             Section("Figures 3–12", tuple(figures), "figures", True),
             Section("Evidence, claim by claim", paper, "evidence"),
-            Section("Our own question", (
-                Paragraph(
-                    "The paper does not ask this. It is not counted among its claims. What repairs the claims that "
-                    "fail, and what H∞ buys against a nonlinear LQR, is computed at the default settings in "
-                    "“Studies beside the paper's claims” of the documentation."
+            Section(
+                "Our own question",
+                (
+                    Paragraph(
+                        "The paper does not ask this. It is not counted among its claims. What repairs the claims that "
+                        "fail, and what H∞ buys against a nonlinear LQR, is computed at the default settings in "
+                        "“Studies beside the paper's claims” of the documentation."
+                    ),
+                    *own,
                 ),
-                *own,
-            ), "ours"),
-            Section("What was taken instead", (
-                Table(
-                    ("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True,
+                "ours",
+            ),
+            Section(
+                "What was taken instead",
+                (
+                    Table(
+                        ("where", "printed", "taken"),
+                        MISPRINTS,
+                        "Misprints of the paper.",
+                        "table-misprints",
+                        stacks=True,
+                    ),
+                    Table(
+                        ("not given", "chosen"),
+                        OPEN,
+                        "What the paper does not give.",
+                        "table-open",
+                        stacks=True,
+                    ),
                 ),
-                Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
-            ), "instead"),
-            Section("The law", (
-                Paragraph(
-                    f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; its linear part is "
-                    f"u = ({gain}) · (x1, x2, x3, x4, x5)."
+                "instead",
+            ),
+            Section(
+                "The law",
+                (
+                    Paragraph(
+                        f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; its linear part "
+                        f"is u = ({gain}) · (x1, x2, x3, x4, x5)."
+                    ),
+                    Listing(setup.nonlinear.report()),
                 ),
-                Listing(setup.nonlinear.report()),
-            ), "law"),
+                "law",
+            ),
         ),
-        Settings(_settings(setup)), Provenance(shlex.join(reproduction.command), setup.settings.seed),
+        Settings(_settings(setup)),
+        Provenance(shlex.join(reproduction.command), setup.settings.seed),
         _key_numbers(setup),
-    )  # fmt: skip
+    )
 
 
 def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> Figure | Table:

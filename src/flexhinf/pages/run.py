@@ -275,9 +275,12 @@ def run_files(
 
 
 def run_page(
-    prepared: DeployedRun, run: RealTimeRun, command: Sequence[str], stated: Mapping[str, Any],
+    prepared: DeployedRun,
+    run: RealTimeRun,
+    command: Sequence[str],
+    stated: Mapping[str, Any],
     files: Sequence[str] = (),
-) -> Page:  # fmt: skip
+) -> Page:
     """The page of a run; parameters as for `run_files`, and the names of the files beside it."""
     robot, lines, timing = prepared.robot, judged_requirements(prepared, run), run.timing
     s, kind = prepared.plants.specification, "step" if prepared.plan is None else "move"
@@ -285,8 +288,15 @@ def run_page(
     with house_style():
         if lines:
             table = requirement_table(lines, _units(prepared).degrees)
-            parts.append(("specification", "Requirements", [table], True,
-                          f"{sum(line.met for line in lines)} of {len(lines)} met"))  # fmt: skip
+            parts.append(
+                (
+                    "specification",
+                    "Requirements",
+                    [table],
+                    True,
+                    f"{sum(line.met for line in lines)} of {len(lines)} met",
+                )
+            )
         if len(timing.time):
             late = f"{int(timing.missed.sum())} of {len(timing.time)} deadlines missed"
             blocks = [_times_figure(timing), _times_table(timing)]
@@ -373,13 +383,18 @@ def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
             numbers.append(KeyNumber("largest error", value, unit, worst.joint if named else ""))
         else:
             for name, metric, unit in (
-                ("settling time", response.settling, "s"), ("overshoot", response.overshoot, "%"),
-            ):  # fmt: skip
+                ("settling time", response.settling, "s"),
+                ("overshoot", response.overshoot, "%"),
+            ):
                 value = rounded(metric.value)
-                numbers.append(KeyNumber(
-                    name, "not settled" if value is None else value, unit if value is not None else "",
-                    metric.joint if named else "",
-                ))  # fmt: skip
+                numbers.append(
+                    KeyNumber(
+                        name,
+                        "not settled" if value is None else value,
+                        unit if value is not None else "",
+                        metric.joint if named else "",
+                    )
+                )
         full = _saturated(prepared, run)
         numbers += [
             KeyNumber(
@@ -392,13 +407,22 @@ def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
         step, late = percentiles(timing.computed), percentiles(timing.woken)
         if timing.real_time:
             numbers.append(KeyNumber("missed deadlines", int(timing.missed.sum()), f"of {len(timing.time)}"))
-            numbers.append(KeyNumber(
-                "jitter", rounded(1e6 * late["p99.9"]), "µs", f"99.9 % of samples; largest {1e6 * late['max']:.0f} µs"
-            ))  # fmt: skip
-        numbers.append(KeyNumber(
-            "controller's step", rounded(1e6 * step["p50"]), "µs",
-            f"median; period {number(1e6 * timing.period)} µs, largest {1e6 * step['max']:.0f} µs",
-        ))  # fmt: skip
+            numbers.append(
+                KeyNumber(
+                    "jitter",
+                    rounded(1e6 * late["p99.9"]),
+                    "µs",
+                    f"99.9 % of samples; largest {1e6 * late['max']:.0f} µs",
+                )
+            )
+        numbers.append(
+            KeyNumber(
+                "controller's step",
+                rounded(1e6 * step["p50"]),
+                "µs",
+                f"median; period {number(1e6 * timing.period)} µs, largest {1e6 * step['max']:.0f} µs",
+            )
+        )
     return numbers
 
 
@@ -427,9 +451,14 @@ def _lead(prepared: DeployedRun, run: RealTimeRun) -> list[Figure]:
     """Links with their command, and inputs; the arm."""
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
     links = joint_panels(
-        units, "link position", units.angle, time, units.scale * response.positions,
-        plan=units.scale * _command(prepared, run), plan_name="command",
-    )  # fmt: skip
+        units,
+        "link position",
+        units.angle,
+        time,
+        units.scale * response.positions,
+        plan=units.scale * _command(prepared, run),
+        plan_name="command",
+    )
     inputs = joint_panels(units, "input", units.effort, time, response.inputs, limits=_bounds(run))
     figure, axes = new_figure(len(links) + len(inputs), height=lead_height(len(links) + len(inputs)))
     for axis, panel in zip(axes, (*links, *inputs)):
@@ -467,7 +496,7 @@ def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
         ),
         "Distance of the links from their command, and twist of the springs as seen from the link side.",
         "Tracking",
-    )  # fmt: skip
+    )
 
 
 def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:

@@ -60,13 +60,24 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
     )
     row = REQUIREMENTS["corners"]
     return [
-        *(replace(row, what=what, field=field, criterion=criterion).judge(
-            s, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, field, criterion, growths in unstable),
-        loop_margins.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
-        REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where,
-            criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit"),
+        *(
+            replace(row, what=what, field=field, criterion=criterion).judge(
+                s, 0.0, int(np.sum(np.array(growths) >= 1.0)), where
+            )
+            for what, field, criterion, growths in unstable
+        ),
+        loop_margins.damping_requirement(
+            s, damping, min(l.damping for l in loops), s.damped_below_limit, where
+        ),
+        REQUIREMENTS["ripple"].judge(
+            s,
+            ripple,
+            max(loop.ripple for loop in loops),
+            where,
+            criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit",
+        ),
         *_growing(s, min(loop.fast_damping for loop in loops), where),
-    ]  # fmt: skip
+    ]
 
 
 def loop_requirements(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirement]:

@@ -51,12 +51,26 @@ MOTORS_WEIGHTS = {"share": 0.5, "damping": 0.3}
 #: with much noise they hide the vibration. With encoders of the motors alone they always do: half the ratio of the two
 #: torques is about the damping of the estimator's own vibration.
 RANDOM = (
-    EXPECTED, (0.00125, 0.03), (0.0006, 0.01), (0.02, 0.03), (0.01, 0.01), (0.005, 0.005), (0.001, 0.01),
-    (0.0006, 0.04), (0.0006, 0.07), (0.0025, 0.1),
-)  # fmt: skip
+    EXPECTED,
+    (0.00125, 0.03),
+    (0.0006, 0.01),
+    (0.02, 0.03),
+    (0.01, 0.01),
+    (0.005, 0.005),
+    (0.001, 0.01),
+    (0.0006, 0.04),
+    (0.0006, 0.07),
+    (0.0025, 0.1),
+)
 MOTORS_RANDOM = (
-    (0.033, 0.03), (0.02, 0.03), (0.011, 0.01), (0.005, 0.005), (0.0055, 0.01), (0.0045, 0.01), (0.002, 0.01),
-)  # fmt: skip
+    (0.033, 0.03),
+    (0.02, 0.03),
+    (0.011, 0.01),
+    (0.005, 0.005),
+    (0.0055, 0.01),
+    (0.0045, 0.01),
+    (0.002, 0.01),
+)
 
 #: The search asks for this factor more than each limit, since other poses are judged. Where no estimator for a law has
 #: all that is wanted, a later one has to miss less than this share.

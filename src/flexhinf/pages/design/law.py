@@ -160,10 +160,12 @@ def poles(design: PoseEvidence) -> Blocks:
         ),
     ]
     yield from (
-        lambda: poles_figure([(name, np.array(values, dtype=complex), look) for name, values, look in groups]),
+        lambda: poles_figure(
+            [(name, np.array(values, dtype=complex), look) for name, values, look in groups]
+        ),
         mode_table(design),
         Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error."),
-    )  # fmt: skip
+    )
 
 
 def _modes(design: PoseEvidence) -> Mapping[str, Sequence[Mode]]:

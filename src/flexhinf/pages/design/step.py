@@ -209,12 +209,16 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     near = any(panel.dashed for panel in inputs)
     bound = f" (dashed: {limit})" if near else f" ({limit}, beyond the panel)" if limit else ""
     away = joint_panels(
-        units, "link position − goal", units.angle, time, units.scale * (response.positions - goal),
+        units,
+        "link position − goal",
+        units.angle,
+        time,
+        units.scale * (response.positions - goal),
         zero=True,
         plan=None if command is None else units.scale * (command(time) - goal),
         plan_name="command",
         min_span=0.1 * units.scale * np.abs(goal - response.start),
-    )  # fmt: skip
+    )
     springs = joint_panels(
         units, "spring torque", units.spring, time, spring_torques(e, response), min_span=0.0
     )

@@ -112,10 +112,11 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
             Line(
                 np.array([c.damping_weight for c in each]),
                 np.array([v if np.isfinite(v := value(c)) else np.nan for c in each]),
-                text.format(name), {"color": color, **style},
+                text.format(name),
+                {"color": color, **style},
             )
             for each, style, text in groups
-        ]  # fmt: skip
+        ]
 
     over: dict[str, Any] = {"vertical": search.chosen.damping_weight, "across": "largest damping weight ζ"}
     panels = (
