@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from flexhinf.campaign import sensitivity, success_interval
-from flexhinf.campaign.metrics import Requirement
+from flexhinf.campaign.metrics import MetricLimit
 from flexhinf.campaign.results import CampaignJudgement
 from flexhinf.errors import InvalidInput
 
@@ -93,5 +93,5 @@ def test_the_worst_sample_is_the_farthest_from_what_is_required(limit, worst):
         journal=SimpleNamespace(about={}),
         names=lambda kind: ["damping", "other"],
     )
-    judged = CampaignJudgement(table, (Requirement.of(limit, ["damping", "other"]),))
+    judged = CampaignJudgement(table, (MetricLimit.of(limit, ["damping", "other"]),))
     assert judged.worst("damping") == judged.worst_of_all == worst

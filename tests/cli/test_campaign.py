@@ -20,7 +20,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 import flexhinf.campaign
 from flexhinf import report
-from flexhinf.campaign import METHODS, Journal, Requirement, run_batch
+from flexhinf.campaign import METHODS, Journal, MetricLimit, run_batch
 from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.manifest import read_sealed, sealed
@@ -77,7 +77,7 @@ def test_a_page_has_the_angles_of_the_page_of_its_design() -> None:
     assert not in_degrees(judged)
     shown = [value_text(0.01, unit, degrees) for degrees in (True, False) for unit in ("rad", "rad/s", "V")]
     assert shown == ["0.573°", "0.573 °/s", "0.01 V", "10 mrad", "0.01 rad/s", "0.01 V"]
-    assert limit_text(Requirement("final_error", 0.01), "rad", degrees=True) == f"at most {shown[0]}"
+    assert limit_text(MetricLimit("final_error", 0.01), "rad", degrees=True) == f"at most {shown[0]}"
 
 
 @pytest.mark.ci("a campaign, again after damage, and two replays")

@@ -23,8 +23,8 @@ from .journal import Journal as Journal
 from .metrics import (
     DOUBTFUL as DOUBTFUL,
     STANDARD as STANDARD,
+    MetricLimit as MetricLimit,
     Metrics as Metrics,
-    Requirement as Requirement,
     known_metric as known_metric,
 )
 from .results import (

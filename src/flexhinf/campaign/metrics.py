@@ -270,7 +270,7 @@ _REQUIREMENT = re.compile(r"\s*(\w+)\s*(<=|>=|≤|≥)\s*(\S+)\s*\Z")
 
 
 @dataclass(frozen=True)
-class Requirement:
+class MetricLimit:
     """A limit of one metric."""
 
     metric: str
@@ -278,7 +278,7 @@ class Requirement:
     at_most: bool = True
 
     @staticmethod
-    def of(text: str, metrics: Sequence[str]) -> Requirement:
+    def of(text: str, metrics: Sequence[str]) -> MetricLimit:
         """Read ``overshoot_percent<=5``; InvalidInput for another form, metric, or no number."""
         match, limit = _REQUIREMENT.match(text), math.nan
         with suppress(ValueError):
@@ -289,7 +289,7 @@ class Requirement:
                 f"expected METRIC<=NUMBER or METRIC>=NUMBER, got {value_text(text)}",
                 "overshoot_percent<=5",
             )
-        return Requirement(known_metric(match[1], metrics), limit, match[2] in ("<=", "≤"))
+        return MetricLimit(known_metric(match[1], metrics), limit, match[2] in ("<=", "≤"))
 
     def text(self) -> str:
         """The requirement as text: ``overshoot_percent<=5``."""

@@ -26,7 +26,7 @@ from flexhinf.arrays import Matrix, Vector
 from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
 from flexhinf.campaign.journal import READERS, Journal
 from flexhinf.campaign.manifest import differing, listed
-from flexhinf.campaign.metrics import COMPLETED, Requirement
+from flexhinf.campaign.metrics import COMPLETED, MetricLimit
 from flexhinf.campaign.parquet import numpy_column, read_columns
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.processors import in_threads
@@ -288,7 +288,7 @@ def main_metric(names: Sequence[str]) -> str:
     return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
 
 
-def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
+def violations(values: Mapping[str, np.ndarray], requirements: Sequence[MetricLimit]) -> np.ndarray:
     """Whether sample (N) fails requirement (R), by status and metrics; a run that did not complete fails all."""
     lost = values["status"] != COMPLETED
     return np.column_stack([lost, *(lost | ~rule.met(values[rule.metric]) for rule in requirements)])[:, 1:]
@@ -305,7 +305,7 @@ class CampaignJudgement:
     independently. `nominal`: Nominal values of the numbers, where they are known.
     """
 
-    def __init__(self, table: MergedTable, requirements: tuple[Requirement, ...]) -> None:
+    def __init__(self, table: MergedTable, requirements: tuple[MetricLimit, ...]) -> None:
         self.table, self.requirements = table, requirements
         self.nominal: Mapping[str, float] = table.journal.about.get("nominal", {})
         self.method, self.main = table.settings.get("method", "random"), main_metric(table.names("metric"))
@@ -361,7 +361,7 @@ class CampaignJudgement:
         numbers = np.column_stack([np.empty((len(rows), 0)), *(self.column(name)[rows] for name in names)])
         return sensitivity(names, numbers, values[rows])
 
-    def missed(self, sample: int) -> list[Requirement]:
+    def missed(self, sample: int) -> list[MetricLimit]:
         """The requirements that a completed sample misses."""
         return [rule for rule, bad in zip(self.requirements, self.violations[sample]) if bad]
 
@@ -498,7 +498,7 @@ class PairedCampaigns:
             tuple(name for name in a.names(kind) if name in b.names(kind)) for kind in ("metric", PART)
         )
         self.main, known = main_metric(self.metrics), (*self.metrics, *self.parts)
-        self.requirements = tuple(Requirement.of(text, known) for text in requirements)
+        self.requirements = tuple(MetricLimit.of(text, known) for text in requirements)
 
     def metric(self, name: str) -> PairedMetric:
         """One metric of both campaigns; InvalidInput unless both have it."""

@@ -68,7 +68,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
     context.with_resource(limited_threads(o.threads))
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     known = list(design.metrics.units)
-    checked = [campaigns.Requirement.of(text, known) for text in o.require or design.requirements]
+    checked = [campaigns.MetricLimit.of(text, known) for text in o.require or design.requirements]
     metrics = _searched(o, checked, known, o.worst_case and searches_gain(design))
     with step_progress() as stage:
         command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
@@ -141,7 +141,7 @@ def _executor(o: options.BatchOptions) -> Executor | None:
 
 def _searched(
     o: options.RunCampaignOptions,
-    requirements: Sequence[campaigns.Requirement],
+    requirements: Sequence[campaigns.MetricLimit],
     known: Sequence[str],
     gain: bool,
 ) -> dict[str, bool]:
@@ -168,7 +168,7 @@ def merge(context: typer.Context, o: options.MergeOptions) -> int:
     journals = [campaigns.Journal.existing(folder) for folder in (o.folder, *o.others)]
     journal = journals[0]
     checked = [
-        campaigns.Requirement.of(text, journal.metrics)
+        campaigns.MetricLimit.of(text, journal.metrics)
         for text in (o.require or journal.about.get("requirements", []))
     ]
     with journal.driven():
@@ -228,7 +228,7 @@ def replay(context: typer.Context, o: options.ReplayOptions) -> None:
         note(f"the numbers differ in their last bits: another kind of processor, or other versions, {origin}")
 
 
-def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requirement]) -> int:
+def _finish(table: campaigns.MergedTable, requirements: list[campaigns.MetricLimit]) -> int:
     from flexhinf.design.campaign_folder import stored_campaign, stored_gains
 
     journal, folder = table.journal, table.journal.folder
@@ -296,7 +296,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     names, command = (o.first, o.second), reproduce_command(context)
     pair = DesignPair(_request(o, o.first), _request(o, o.second), o.out, names, tuple(command))
     known = list(pair.a.metrics.units)
-    checked = [campaigns.Requirement.of(text, known) for text in o.require or pair.a.requirements]
+    checked = [campaigns.MetricLimit.of(text, known) for text in o.require or pair.a.requirements]
     with step_progress() as stage:
         opened = open_pair(pair, stage)
     tables: list[MergedTable] = []

@@ -14,7 +14,7 @@ from flexhinf.campaign import (
     CampaignJudgement,
     EvaluatedPlant,
     MergedTable,
-    Requirement,
+    MetricLimit,
     WorstCase,
     stored_worsts,
 )
@@ -115,7 +115,7 @@ _COLOURED: tuple[dict[str, Any], ...] = tuple({"color": colour, "linewidth": 1.1
 # Page --------------------------------------------------------------------------------------------------------
 def write_campaign(
     table: MergedTable,
-    requirements: Sequence[Requirement],
+    requirements: Sequence[MetricLimit],
     plant_run: PlantRun | None = None,
 ) -> CampaignJudgement:
     """Write index.html beside the table, with the worst cases that are kept there; returns what the page says.

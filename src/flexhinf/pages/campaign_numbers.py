@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexhinf.campaign import CampaignJudgement, Interval, Requirement
+from flexhinf.campaign import CampaignJudgement, Interval, MetricLimit
 from flexhinf.campaign.batches import PART
 from flexhinf.numerals import number, number_text
 from flexhinf.pages.drawing import display_scale
@@ -136,7 +136,7 @@ def display_scale_of(values: np.ndarray, unit: str, degrees: bool) -> tuple[floa
     return (scaled / largest if largest else 1.0), unit
 
 
-def limit_text(requirement: Requirement, unit: str, degrees: bool = False) -> str:
+def limit_text(requirement: MetricLimit, unit: str, degrees: bool = False) -> str:
     """The limit of a requirement, for example ``at most 5 %``."""
     return (
         "within the run"

@@ -17,9 +17,9 @@ from flexhinf.campaign import (
     CampaignJudgement,
     EvaluatedPlant,
     Journal,
+    MetricLimit,
     PairedMetric,
     Replayed,
-    Requirement,
     WorstCase,
 )
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
@@ -183,7 +183,7 @@ def by_effect(case: WorstCase) -> list[str]:
     return sorted(effect, key=lambda name: -np.nan_to_num(effect[name], nan=1e300, posinf=1e300))
 
 
-def missed_by(case: WorstCase, requirements: Sequence[Requirement]) -> list[Requirement]:
+def missed_by(case: WorstCase, requirements: Sequence[MetricLimit]) -> list[MetricLimit]:
     """Requirements on the metric that the worst plant misses; all of them if its run does not come to its end."""
     own, done = [rule for rule in requirements if rule.metric == case.metric], case.found.status == COMPLETED
     return [rule for rule in own if not (done and rule.met(np.array([case.found.value]))[0])]
