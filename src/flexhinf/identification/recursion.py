@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -92,8 +93,18 @@ class TimedFlow:
 FilterKind = TypeVar("FilterKind", bound=RecursiveFilter)
 
 
+#: Filters whose time of a prediction is a parameter, as long as those that they are made of.
+_TIMED = WeakKeyDictionary[RecursiveFilter, RecursiveFilter]()
+
+
 def timed(filter: FilterKind) -> FilterKind:
-    """The same filter with the time of a prediction as the last parameter of its plant."""
+    """The same filter with the time of a prediction as the last parameter of its plant; each is traced once."""
+    if filter not in _TIMED:
+        _TIMED[filter] = _timed(filter)
+    return cast(FilterKind, _TIMED[filter])
+
+
+def _timed(filter: FilterKind) -> FilterKind:
     plant = filter.plant
     scaled = replace(
         plant, flow=TimedFlow(plant), parameters={**plant.parameters.values, SECONDS: filter.period}

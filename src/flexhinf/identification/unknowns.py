@@ -275,15 +275,19 @@ class Unknowns:
 
     def at(self, z: np.ndarray) -> Plant:
         """The plant with these numbers."""
+        return self.plant.with_parameters(**self._changes(z))
+
+    def _changes(self, z: np.ndarray) -> Mapping[str, ArrayLike]:
+        """The plant's parameters that these numbers change."""
         values = self.values(z)
         if self.robot is not None:
-            return self.plant.with_parameters(**self._of_robot(values))
+            return self._of_robot(values)
         table: dict[str, np.ndarray] = {}
         for label, value in values.items():
             name, _, place = label.partition("[")
             array = table.setdefault(name, np.array(self.plant.parameters.values[name], dtype=float))
             array[() if not place else np.unravel_index(int(place[:-1]) - 1, array.shape)] = value
-        return self.plant.with_parameters(**table)
+        return table
 
     def _of_robot(self, values: Mapping[str, float]) -> dict[str, ArrayLike]:
         assert self.robot is not None
@@ -293,14 +297,19 @@ class Unknowns:
     def model(self, z: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
         """(parameters (flat), R^v (n, n) per second, R^n (p, p)), and their derivatives (size, k), one below the
         other."""
-        vector = self.at(z).parameters.vector()
+        scales = [
+            1.0 if n.sign == "positive" else max(abs(at), abs(n.value), 1e-3)
+            for n, at in zip(self.numbers, z)
+        ]
+        moves = STEP * np.diag(np.append(scales, np.zeros(len(z) - len(scales))))[: len(scales)]
+        vector, *ends = self.plant.parameters.vectors(
+            [self._changes(p) for p in (z, *(z - moves), *(z + moves))]
+        )
         deviations, levels = self.noise_levels(z)
         q, r = self.noises.matrices(deviations, levels)
         columns: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for k, number in enumerate(self.numbers):
-            step = STEP if number.sign == "positive" else STEP * max(abs(z[k]), abs(number.value), 1e-3)
-            ends = [self.at(z + sign * step * np.eye(len(z))[k]).parameters.vector() for sign in (-1.0, 1.0)]
-            columns.append(((ends[1] - ends[0]) / (2.0 * step), 0.0 * q, 0.0 * r))
+        for low, high, scale in zip(ends, ends[len(scales) :], scales):
+            columns.append(((high - low) / (2.0 * (STEP * scale)), 0.0 * q, 0.0 * r))
         for k in np.flatnonzero(self.noises.sought[: len(deviations)]):
             unit = np.eye(len(deviations))[k]
             columns.append((0.0 * vector, 0.0 * q, r * (unit + unit[:, None])))
