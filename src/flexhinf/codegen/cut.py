@@ -8,6 +8,7 @@ it stores at its end, is known when it is written: `c.function` then cuts with f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
@@ -80,19 +81,28 @@ def pieces(
     read = [{*reads(k)} for k in values]
     size = [sizes[k] for k in values]
     used = [place.get(last[k], len(values)) if k in last else -1 for k in values]
+    whole = 0.0
+    for lines, end in zip(reversed(size), reversed(used)):
+        whole = whole + lines + (end >= len(values))
+    if values and whole <= most:  # a cut stores and loads no fewer values, and costs a call
+        yield values, whole
+        return
     #: Of the pieces up to each place: values that they store and load, where the last one begins, and its lines.
     best = [(0, 0, 0.0)]
     for stop in range(1, len(values) + 1):
-        lines, stores, loads, options = 0.0, 0, set[int](), list[tuple[int, int, float]]()
+        lines, stores, loads = 0.0, 0, set[int]()
+        least, begin, long = math.inf, stop, 0.0
         for start in reversed(range(stop)):
             stored = used[start] >= stop
             lines, stores = lines + size[start] + stored, stores + stored
-            if options and lines > most:
+            if begin < stop and lines > most:
                 break
             loads.discard(values[start])
             loads |= read[start]
-            options.append((best[start][0] + stores + len(loads) + CALL, start, lines))
-        best.append(min(options))
+            cost = best[start][0] + stores + len(loads) + CALL
+            if cost <= least:
+                least, begin, long = cost, start, lines
+        best.append((int(least), begin, long))
     cuts = [len(values)]
     while cuts[-1]:
         cuts.append(best[cuts[-1]][1])

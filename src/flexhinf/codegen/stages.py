@@ -17,6 +17,7 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate, groupby
 
 import casadi
@@ -115,7 +116,17 @@ class _Operations:
 
     def operands(self, k: int) -> tuple[int, ...]:
         """What an operation reads; of a flag that is reversed, the flag."""
-        return tuple(known for value in self.operations[k].operands for known in self.values(value))
+        return self._operands[k]
+
+    @cached_property
+    def _operands(self) -> list[tuple[int, ...]]:
+        found = list[tuple[int, ...]]()
+        for operation in self.operations:  # each reads earlier ones
+            values = (
+                (v,) if self.operations[v].code != casadi.OP_NOT else found[v] for v in operation.operands
+            )
+            found.append(tuple(known for value in values for known in value))
+        return found
 
     def values(self, k: int) -> tuple[int, ...]:
         """The value of an operation, or what every function makes it of."""

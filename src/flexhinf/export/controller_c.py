@@ -39,6 +39,7 @@ from flexhinf.codegen.c import Real, Translator, comment, constant, pivot_tolera
 from flexhinf.codegen.c.algebra import SIXTEEN
 from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.shared import share
 from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
@@ -229,6 +230,11 @@ class ControllerCode:
         return translator
 
     def _steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
+        """Those of the controller, whatever its numbers, its name and its type are."""
+        key = "exported", self.controller.code_key, tuple(places.items())
+        return share(key, lambda: self._staged_steps(places))
+
+    def _staged_steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """Those of the controller; one that is a single trace is read in its stages."""
         (*body,), buffers = self.controller.steps(places)
         if not self.controller.composed:

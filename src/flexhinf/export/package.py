@@ -127,6 +127,9 @@ FILES: tuple[File[Export], ...] = (
     File("ros2/src/trajectories.cpp", "ros2/trajectories.cpp", _ros2, _follows),
 )
 
+#: Templates of the files that need a recording, or a session that is played.
+RECORDED = ("test.c", "contract.c", "follow_test.c", "README.md", "safety.md")
+
 
 def export_c(
     controller: Controller,
@@ -237,15 +240,20 @@ def controller_files(
     code = code_of(controller, name, real, robot, origin)
     run = provoked(code, record(code.controller, exact=code.real.kind))
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
-    export = Export(code, runs, accuracy(code, run), design)
+    texts = files_of(Export(code, runs, accuracy(code, run), design))
+    return texts | {f"design/{path}": text for path, text in design.items()}
+
+
+def files_of(export: Export, files: Sequence[File[Export]] = FILES) -> dict[str, str]:
+    """Relative path to text of these files; those of `RECORDED` need the recordings of the export."""
+    code = export.code
     shared = {
         **code.values,
         "digest": code.digest,
         "package": package_name(code),
         "follows": _follows(export),
     }
-    texts = rendered(FILES, export, code.name, code.real, **shared)
-    return texts | {f"design/{path}": text for path, text in design.items()}
+    return rendered(files, export, code.name, code.real, **shared)
 
 
 def _home(code: ControllerCode) -> tuple[str, np.ndarray]:

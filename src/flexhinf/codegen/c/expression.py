@@ -76,6 +76,7 @@ class Expressions:
         self.results = Counter(value for _, _, value in flow.outputs)
         self.sizes = dict[int, int]()  # operations of each value's expression
         self._within = self._embedded(inside)
+        self._used = dict[int, list[tuple[int, bool]]]()  # what was found of each value
 
     def _takes_name(self, operation: Operation, place: int) -> bool:
         return OPERATIONS[operation.code].named or (operation.code == SELECT and place > 0)
@@ -128,10 +129,12 @@ class Expressions:
 
     def _uses(self, value: int) -> list[tuple[int, bool]]:
         """Those, and whether they are used as conditions."""
-        found, operation = list[tuple[int, bool]](), self.flow.operations[value]
-        for place, k in enumerate(operation.operands):
-            found += self._uses(k) if k in self._within else [(k, self._is_condition(operation, place))]
-        return found
+        if value not in self._used:
+            found, operation = list[tuple[int, bool]](), self.flow.operations[value]
+            for place, k in enumerate(operation.operands):
+                found += self._uses(k) if k in self._within else [(k, self._is_condition(operation, place))]
+            self._used[value] = found
+        return self._used[value]
 
     def loads(self, value: int) -> list[int]:
         """Values that are read from memory by a line of their own before that of a value."""

@@ -93,13 +93,21 @@ class FunctionText:
     def fitted(self) -> FunctionText:
         """The same, cut so that each function has `LINES` at most, with its head and what it stores at its end."""
         head = self._head(self.name, self._called, [])[0]
-        best = tried = replace(self, most=MOST + 1 - length(head))
+        best = tried = self._cut(MOST + 1 - length(head))
         fewer = 0
         while tried.longest > LINES and tried.most > FEWEST:
             fewer = max(tried.longest - LINES, 2 * fewer * (tried is not best))
-            tried = replace(tried, most=max(FEWEST, tried.most - fewer))
+            tried = tried._cut(max(FEWEST, tried.most - fewer))
             best = min(best, tried, key=lambda text: text.longest)
         return best
+
+    def _cut(self, most: int) -> FunctionText:
+        """The same, cut so that a body has so many lines; what does not depend on them is not made again."""
+        if most == self.most:
+            return self
+        other, known = replace(self, most=most), vars(self)
+        vars(other).update({name: known[name] for name in ("_stage_of", "_expressions") if name in known})
+        return other
 
     @cached_property
     def longest(self) -> int:
