@@ -252,7 +252,8 @@ def free_changes(order: int, duration: float) -> tuple[float, float]:
     free.reset([0.0, 0.0])
     goal = FollowGoal(["elbow", "shoulder"], [0.0, duration], *LIMITED_GOAL[:order])
     assert free.start(goal) is FollowCode.ACTIVE
-    u = np.array([free.step().row[-2:] for _ in range(round(duration / PERIOD) + 200)])
+    motions = np.array([free.advance().motion for _ in range(round(duration / PERIOD) + 200)])
+    u = free.robot.inverse_dynamics(*motions.swapaxes(0, 1))[1]
     first, second = (float(np.abs(np.diff(u, k, axis=0)).max()) / PERIOD**k for k in (1, 2))
     return first, second
 

@@ -276,6 +276,11 @@ class Robot(Pictured):
         }
         return PlantValues(self.links.packed(values) | arrays, values)
 
+    @cached_property
+    def _table(self) -> ParameterTable:
+        """The nominal parameters of the robot's plants."""
+        return ParameterTable(self.plant_parameters())
+
     # Plants ---------------------------------------------------------------------------------------
     def plant(
         self, measured: str | Sequence[str] = ("link_position",), inductance: bool = False,
@@ -410,7 +415,7 @@ class Robot(Pictured):
         friction and the stiffness curve are modelled; others are refused by name. `parameters` are those of
         `operating_point`.
         """
-        table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
+        table = ParameterTable({**self._table.values, **parameters}) if parameters else self._table
         flow = InverseFlow(
             self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout
         )
