@@ -93,6 +93,8 @@ friction = { value = 0.4, tolerance = 15 }
 TOGETHER = {
     "designs of reports": r"tests/pages/",
     "sources, parsed": r"tests/test_(house|circles)\.py",
+    "a proof for all tolerances": r"tests/certify/test_(attained_gain|checked_arm)\.py",
+    "packages for ROS 2": r"tests/export/test_ros2(_chained|_trajectories)?\.py",
 }
 
 

@@ -18,6 +18,8 @@ import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.compiled import compiler_flags, limited
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.package import FILES, RECORDED, Export, files_of, write_files
+from flexhinf.export.self_test import Accuracy
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
@@ -79,20 +81,47 @@ def compiler() -> str:
     return found
 
 
-@pytest.fixture(scope="session")
-def export_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Exports a controller as "arm" into a folder of its own; what was exported before is copied."""
+#: Of a controller, its type and its robot: where it is exported.
+Exporter = Callable[..., Path]
+
+
+def _shared(
+    write: Callable[[Path, fh.Controller, str, fh.Robot | None], Any], places: Any, name: str
+) -> Exporter:
+    """Exports as "arm" into a folder of its own, by `write`; what was exported before is copied."""
     made: dict[tuple[int, str, int], tuple[Path, Any, Any]] = {}
 
     def export(controller: fh.Controller, real: str = "double", robot: fh.Robot | None = None) -> Path:
-        key, folder = (id(controller), real, id(robot)), tmp_path_factory.mktemp("exported") / "c"
-        if key in made:
-            return Path(shutil.copytree(made[key][0], folder))
-        pattern = export_c(controller, tmp_path_factory.mktemp("pattern") / "c", "arm", real, robot=robot)
-        made[key] = pattern, controller, robot  # which keep their numbers
-        return export(controller, real, robot)
+        key, folder = (id(controller), real, id(robot)), places.mktemp(name) / "c"
+        if key not in made:
+            pattern = places.mktemp("pattern") / "c"
+            write(pattern, controller, real, robot)
+            made[key] = pattern, controller, robot  # which keep their numbers
+        return Path(shutil.copytree(made[key][0], folder))
 
     return export
+
+
+@pytest.fixture(scope="session")
+def export_of(tmp_path_factory: pytest.TempPathFactory) -> Exporter:
+    """Exports a controller as "arm" into a folder of its own; what was exported before is copied."""
+    return _shared(
+        lambda place, c, real, robot: export_c(c, place, "arm", real, robot=robot),
+        tmp_path_factory,
+        "exported",
+    )
+
+
+@pytest.fixture(scope="session")
+def sources_of(tmp_path_factory: pytest.TempPathFactory) -> Exporter:
+    """As `export_of`, without the files that need a recording, which takes longer than all others."""
+    files = [file for file in FILES if file.template not in RECORDED]
+
+    def write(place: Path, controller: fh.Controller, real: str, robot: fh.Robot | None) -> None:
+        export = Export(code_of(controller, "arm", real, robot), (), Accuracy((), (), ""), {})
+        write_files(place, files_of(export, files))
+
+    return _shared(write, tmp_path_factory, "sources")
 
 
 @pytest.fixture(scope="session")

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.export import export_c
 from flexhinf.export.compiled import compiler_flags
 
-pytestmark = pytest.mark.oracle
+# The step is compiled with flags that stand here; unoptimised are recordings, stacks and loops in Python: 4 s less.
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]
 
 #: Reads samples of y and r, writes u and the estimate; every number is a double there.
 PROGRAM = """
@@ -87,12 +87,17 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "compiler", "real"), CASES)
 def test_the_compiled_controller_replays_the_loop(
-    name: str, compiler: str, real: str, tmp_path: Path, needs_compiler: Callable[..., None]
+    name: str,
+    compiler: str,
+    real: str,
+    export_of: Callable[..., Path],
+    sources_of: Callable[..., Path],
+    needs_compiler: Callable[..., None],
 ) -> None:
     needs_compiler(compiler, *SANITIZERS)
     controller, run = loop(name)
     y, r, u, estimate = (run.signals[kind] for kind in ("output", "reference", "input", "estimate"))
-    folder = export_c(controller, tmp_path / "c", "arm", real)
+    folder = (export_of if real == "float" else sources_of)(controller, real)
     (folder / "replay.c").write_text(PROGRAM)
     flags = ("-std=c99", *compiler_flags("portable"), *SANITIZERS)
     command = [compiler, *flags, "arm.c", "replay.c", "-lm", "-o", "replay"]

@@ -17,6 +17,9 @@ import flexhinf as fh
 from flexhinf.baselines import lqr
 from flexhinf.export import compile_controller
 
+# What is compiled makes some hundred samples: two thirds of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ARM = fh.paper_arm()
 NOISE = np.array([[1e-6, 6e-7], [6e-7, 4e-6]])
 GIVEN = {"process_noise": 1e-8, "measurement_noise": NOISE, "mean": np.zeros(4), "covariance": 1e-4}

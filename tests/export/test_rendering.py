@@ -79,6 +79,7 @@ def test_a_text_that_no_filter_has_is_escaped_or_bare() -> None:
 
 
 @pytest.mark.ci("exports a whole package")
+@pytest.mark.usefixtures("unoptimised")  # of its text nothing depends on it: half of its time
 def test_a_template_that_forgets_its_filters_writes_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

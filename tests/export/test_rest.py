@@ -19,11 +19,13 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.package import controller_files
+from flexhinf.export.package import FILES, Export, controller_files, files_of
+from flexhinf.export.recording import record
 from flexhinf.export.rehearsal import slower
+from flexhinf.export.self_test import accuracy
 from flexhinf.plant.joints import standstill_function
 
-# Compiled with flags that stand here; unoptimised are recordings and stacks of 20 exports: half of their time.
+# Compiled with flags that stand here; unoptimised are recordings and stacks of exports: half of their time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 SHIM = """
@@ -75,11 +77,11 @@ def elastic_controller(
     ],
 )  # fmt: skip
 def test_the_rest_in_c_is_the_operating_point_of_the_robot(
-    name: str, real: str, compiler: str, export_of: Callable[..., Path]
+    name: str, real: str, compiler: str, sources_of: Callable[..., Path]
 ) -> None:
     """At random poses, with payloads as parameters, and where positions are replaced in place."""
     robot, one = robot_of(name), controller_of(name)
-    folder, kind = export_of(one, real), {"double": np.float64, "float": np.float32}[real]
+    folder, kind = sources_of(one, real), {"double": np.float64, "float": np.float32}[real]
     (folder / "shim.c").write_text(SHIM)
     subprocess.run([compiler, *STRICT, "-c", "main.c", "-o", "out.o"], cwd=folder, check=True)
     words = (*STRICT, "-O0", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so")
@@ -123,11 +125,11 @@ void brake(int code) { printf("code %d\\n", code); }
 @pytest.mark.ci("builds the main program of an export")
 @pytest.mark.parametrize(("pose", "off"), [(None, 0), ((-0.7, 0.9), 20)])
 def test_the_main_program_rests_at_the_start_until_there_is_a_command(
-    pose: Any, off: int, compiler: str, export_of: Callable[..., Path]
+    pose: Any, off: int, compiler: str, sources_of: Callable[..., Path]
 ) -> None:
     """The weight is held; zeros behind the positions would ask for another motion. Where the robot was moved while its
     drives were off, it is held where it is measured, from the sample on at which they are enabled."""
-    folder = export_of(controller_of("planar-two-link"))
+    folder = sources_of(controller_of("planar-two-link"))
     x, u = robot_of("planar-two-link").operating_point(pose)
     at = ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])
     (folder / "board.c").write_text(BOARD.replace("AT", at).replace("OFF", str(off)))
@@ -171,11 +173,11 @@ int main(void) { for (;;) { wait_for_sample(); tick(); } }
 
 @pytest.mark.ci("builds three programs around an export")
 def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled(
-    compiler: str, needs_compiler: Callable[..., None], export_of: Callable[..., Path]
+    compiler: str, needs_compiler: Callable[..., None], sources_of: Callable[..., Path]
 ) -> None:
     """The sketch, the task and the interrupt asked nothing, and drove the robot back to where they believed it."""
     needs_compiler("g++")
-    folder = export_of(controller_of("planar-two-link"))
+    folder = sources_of(controller_of("planar-two-link"))
     x, u = robot_of("planar-two-link").operating_point((-0.7, 0.9))
     board = BOARD.replace("AT", ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])).replace(
         "OFF", "20"
@@ -207,12 +209,12 @@ def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled
         assert len(driven) == 30, name
 
 
-@pytest.mark.ci("an export with its test vector")
+@pytest.mark.ci("an export that others share")
 def test_the_sketch_of_a_moving_command_compiles(
-    export_of: Callable[..., Path], tmp_path: Path, needs_compiler: Callable[..., None]
+    sources_of: Callable[..., Path], tmp_path: Path, needs_compiler: Callable[..., None]
 ) -> None:
     needs_compiler("g++")
-    folder = export_of(controller_of("planar-two-link"))
+    folder = sources_of(controller_of("planar-two-link"))
     sketch = (folder / "templates/arm.ino").read_text()
     (folder / "sketch.cpp").write_text(ARDUINO + sketch)
     words = ("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", "sketch.cpp")
@@ -231,12 +233,23 @@ def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> Non
     assert "arm_rest" not in said
 
 
-@pytest.mark.ci("an export that others share")
+def told(controller: fh.Controller, robot: fh.Robot | None = None) -> dict[str, str]:
+    """Header, README and main program, from a recording that is not provoked."""
+    code = code_of(controller, "arm", "double", robot)
+    run, texts = record(code.controller), ("controller.h", "README.md", "main.c")
+    export = Export(code, (run,), accuracy(code, run), {})
+    return files_of(export, [file for file in FILES if file.template in texts])
+
+
+told_once = cache(told)
+
+
+@pytest.mark.ci("a recording that others share")
 @pytest.mark.parametrize("moving", [True, False])
-def test_it_is_said_what_a_command_is(moving: bool, export_of: Callable[..., Path]) -> None:
-    folder = export_of(controller_of("planar-two-link", moving))
+def test_it_is_said_what_a_command_is(moving: bool) -> None:
+    texts = told_once(controller_of("planar-two-link", moving))
     for name in ("README.md", "arm.h"):
-        said = (folder / name).read_text(encoding="utf-8").replace("\n * ", " ")
+        said = texts[name].replace("\n * ", " ")
         motion = (
             "positions alone",
             "arm_rest",
@@ -248,29 +261,30 @@ def test_it_is_said_what_a_command_is(moving: bool, export_of: Callable[..., Pat
         assert unnamed(said, *(motion if moving else ("positions", "jump"))) == []
         assert "arm_rest" in said
     begins = ("moves", "by default") if moving else ("step of the design",)
-    readme = (folder / "README.md").read_text(encoding="utf-8")
+    readme = texts["README.md"]
     assert unnamed(readme.partition("`arm_init` believes")[2][:200], *begins) == []
-    home = re.search(r"home\[\] = \{(.*)\};", (folder / "main.c").read_text(encoding="utf-8"))
+    home = re.search(r"home\[\] = \{(.*)\};", texts["main.c"])
     assert home is not None
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
 
 
-@pytest.mark.ci("an export with its test vector")
+@pytest.mark.ci("a recording that others share")
 @pytest.mark.parametrize("moving", [True, False])
 def test_the_first_example_compiles_and_the_header_warns_first(
-    moving: bool, compiler: str, export_of: Callable[..., Path]
+    moving: bool, compiler: str, tmp_path: Path
 ) -> None:
-    folder = export_of(controller_of("planar-two-link", moving))
-    begin = (folder / "arm.h").read_text().partition("degree of V")[0]
+    texts = told_once(controller_of("planar-two-link", moving))
+    begin = texts["arm.h"].partition("degree of V")[0]
     assert unnamed(begin, "10 numbers", "arm_rest") == ([] if moving else ["10 numbers", "arm_rest"])
-    block = re.search(r"(?:^ {4}.*\n|^\n)+(?=^`main.c`)", (folder / "README.md").read_text(), re.MULTILINE)
+    block = re.search(r"(?:^ {4}.*\n|^\n)+(?=^`main.c`)", texts["README.md"], re.MULTILINE)
     assert block is not None
     assert ("arm_rest(" in block[0]) is moving
     stubs = "void refuse(void); void watch(int code);\n"
     stubs += "int read_sensors(arm_real *y); void drive_motors(const arm_real *u); void read_command(arm_real *r);\n"
     loop = f"void loop(const arm_real *q);\nvoid loop(const arm_real *q) {{\n(void)q;\n{block[0]}}}\n"
-    (folder / "example.c").write_text(f'#include "arm.h"\n{stubs}{loop}')
-    subprocess.run([compiler, *STRICT, "-c", "example.c", "-o", "out.o"], cwd=folder, check=True)
+    (tmp_path / "arm.h").write_text(texts["arm.h"])
+    (tmp_path / "example.c").write_text(f'#include "arm.h"\n{stubs}{loop}')
+    subprocess.run([compiler, *STRICT, "-c", "example.c", "-o", "out.o"], cwd=tmp_path, check=True)
 
 
 @pytest.mark.ci("records three test vectors")
@@ -287,21 +301,21 @@ def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> No
     assert "moved away" not in unlimited
 
 
-@pytest.mark.ci("records two test vectors")
-def test_signals_of_motors_are_said_to_be_those_at_the_joint(export_of: Callable[..., Path]) -> None:
+@pytest.mark.ci("two recordings")
+def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
     """By the gear ratios of the robot's file, of 100 and 7; without them after the gear."""
     robot = robot_of("planar-two-link").with_values({"gear_ratio_elbow": 7.0})
     one = controller_of("planar-two-link")
-    known, folder = controller_files(one, "arm", robot=robot), export_of(one)
+    known, plain = told(one, robot), told_once(one)
     for name in ("README.md", "arm.h"):
         assert unnamed(known[name], "angle / 100", "speed / 7") == []
         assert "V at" not in known[name]
-        unknown = (folder / name).read_text(encoding="utf-8")
+        unknown = plain[name]
         assert unnamed(unknown.replace("\n * ", " "), "the gear", "gear ratio") == []
         assert unnamed(unknown, "angle / 100", "speed / 7") == ["angle / 100", "speed / 7"]
 
 
-@pytest.mark.ci("records two test vectors")
+@pytest.mark.ci("two recordings")
 def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
     plain = robot_of("planar-two-link")
     kept = [
@@ -312,24 +326,23 @@ def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
     robot = replace(plain, parameters=tuple(kept), drive="torque")
     penalty = fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=1.0)
     law = fh.linear_law(robot.problem(penalty), gamma=np.inf)
-    said = controller_files(fh.Controller(law, None, 1e-3), "arm")["README.md"]
+    said = told(fh.Controller(law, None, 1e-3))["README.md"]
     assert re.search(r"\| drive_torque_elbow \|[^|]*gear \|", said)
     ekf = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-8, robot.operating_point()[0], 1e-8)
-    said = controller_files(fh.Controller(law, ekf, 1e-3), "arm", robot=robot)["README.md"]
+    said = told(fh.Controller(law, ekf, 1e-3), robot)["README.md"]
     assert re.search(r"\| drive_torque_elbow \| N m [^|]*\* 100\) \|", said)
 
 
-@pytest.mark.ci("records two test vectors")
+@pytest.mark.ci("two recordings")
 def test_it_is_said_where_a_braked_robot_rests() -> None:
     watch = fh.Supervision(workspace=(-2.0, 2.0), reactions={"workspace": "brake"}, braking_time=0.4)
-    braked, told = (
-        controller_files(controller_of("planar-two-link", watch=one), "arm")
-        for one in (watch, replace(watch, reactions={}))
+    braked, plain = (
+        told(controller_of("planar-two-link", watch=one)) for one in (watch, replace(watch, reactions={}))
     )
     for name in ("README.md", "arm.h"):
         said = braked[name].replace("\n * ", " ")
         assert unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "led back") == []
-        assert "mechanical limits" not in told[name]
+        assert "mechanical limits" not in plain[name]
 
 
 SLOWED = """

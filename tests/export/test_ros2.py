@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
@@ -23,7 +24,7 @@ from flexhinf.robot import MuJoCoPlant
 
 yaml = pytest.importorskip("yaml")
 
-# Packages are built with flags that stand here; unoptimised are recordings and stacks of ten exports: half of them.
+# Packages are built with flags that stand here; unoptimised are loops in Python.
 pytestmark = [
     pytest.mark.usefixtures("unoptimised"),
     pytest.mark.ci("builds a package, which its tests share"),
@@ -124,13 +125,23 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield f"{before}{name}", value
 
 
+@cache
+def manager_part(version: str) -> bytes:
+    """The object of the manager's part, which knows no controller."""
+    with TemporaryDirectory() as folder:
+        words = ["g++", *STRICT, *VERSIONS[version], "-c", HERE / "manager.cpp", "-o", f"{folder}/manager.o"]
+        subprocess.run(words, check=True)
+        return (Path(folder) / "manager.o").read_bytes()
+
+
 def built(folder: Path, version: str = "HUMBLE") -> tuple[ctypes.CDLL, Path]:
     """The package of an exported controller in a shared library, with the manager's part, and its folder."""
     if shutil.which("g++") is None or shutil.which("gcc") is None:
         pytest.skip("missing: g++")
-    package, objects = folder / "ros2", []
+    package, objects = folder / "ros2", [folder.parent / "manager.o"]
+    objects[0].write_bytes(manager_part(version))
     own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
-    for source in (HERE / "manager.cpp", *(package / "src").glob("*.c*")):
+    for source in (package / "src").glob("*.c*"):
         objects.append(folder.parent / f"{source.stem}.o")
         c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
         words = c if source.suffix == ".c" else ("g++", *STRICT, *VERSIONS[version], *own)
@@ -140,12 +151,12 @@ def built(folder: Path, version: str = "HUMBLE") -> tuple[ctypes.CDLL, Path]:
 
 
 @pytest.fixture(scope="module")
-def managed(export_of: Callable[..., Path]) -> Callable[..., Callable[[], Manager]]:
+def managed(sources_of: Callable[..., Path]) -> Callable[..., Callable[[], Manager]]:
     """Exports and builds a controller's package; makes new managers of it."""
 
     @cache
     def build(controller: fh.Controller, version: str = "HUMBLE") -> Callable[[], Manager]:
-        library, package = built(export_of(controller), version)
+        library, package = built(sources_of(controller), version)
         return lambda: Manager(library, package)
 
     return build
@@ -153,7 +164,7 @@ def managed(export_of: Callable[..., Path]) -> Callable[..., Callable[[], Manage
 
 @pytest.fixture(scope="module")
 def arm(managed: Callable[..., Callable[[], Manager]]) -> Callable[[], Manager]:
-    return managed(arm_controller(start="bumpless"))
+    return managed(arm_controller(0, start="bumpless"))
 
 
 def driven(manager: Manager, plant: Any, x: Any, rows: Any, samples: int) -> tuple[np.ndarray, np.ndarray]:
@@ -194,24 +205,26 @@ def assert_near(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) ->
 @pytest.mark.ci("exports a controller for each row")
 @pytest.mark.parametrize(
     ("version", "compiler", "real", "kind"),
-    [  # every pair of them once
+    [  # every pair of them once; with g++, double and an estimator they are `built` by the same words
         ("HUMBLE", "g++", "double", "no estimator"), ("JAZZY", "clang++", "float", "no estimator"),
-        ("JAZZY", "g++", "double", "estimator"), ("HUMBLE", "clang++", "float", "estimator"),
+        ("HUMBLE", "clang++", "float", "estimator"),
         ("HUMBLE", "clang++", "double", "workspace"), ("JAZZY", "g++", "float", "workspace"),
         ("ROLLING", "clang++", "double", "workspace"), ("ROLLING", "g++", "double", "no estimator"),
     ],
 )  # fmt: skip
 def test_no_compiler_warns(
-    version: str, compiler: str, real: str, kind: str, export_of: Callable[..., Path], tmp_path: Path
+    version: str, compiler: str, real: str, kind: str, sources_of: Callable[..., Path], tmp_path: Path
 ) -> None:
+    """clang says all of them when it has read the source; gcc some when it writes code."""
     if shutil.which(compiler) is None:
         pytest.skip(f"missing: {compiler}")
     made = {"estimator": arm_controller, "workspace": workspace_controller, "no estimator": no_estimator}
     robot = robot_of("planar-two-link") if kind == "workspace" else None
-    package = export_of(made[kind](), real, robot) / "ros2"
+    package = sources_of(made[kind](), real, robot) / "ros2"
     own = (f"-I{package / 'include'}", f"-I{package / 'src'}", *VERSIONS[version])
-    for source in (*(package / "src").glob("*.cpp"), HERE / "manager.cpp"):
-        subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
+    end = ("-fsyntax-only",) if compiler == "clang++" else ("-o", tmp_path / "out.o")
+    for source in (package / "src").glob("*.cpp"):
+        subprocess.run([compiler, *STRICT, *own, "-c", source, *end], check=True)
 
 
 def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Manager]) -> None:
@@ -244,9 +257,7 @@ def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
     """Also after it was off, with the robot at rest at another pose: no input jumps."""
     pytest.importorskip("mujoco")
     robot = fh.load_robot("paper")
-    controller = (
-        arm_controller(start="bumpless") if latency == 0 else arm_controller(latency, start="bumpless")
-    )
+    controller = arm_controller(latency, start="bumpless")
     manager, plant = managed(controller, version)(), MuJoCoPlant(robot)
     assert manager.configure() == 0
     assert manager.names(False) == ["joint/position"]
@@ -301,9 +312,7 @@ def test_a_session_is_cleaned_up_and_configured_for_another_robot(arm: Callable[
             codes.add(one.published("health", "code"))
         assert plant.state()[0] == pytest.approx(goal, abs=5e-3)
         assert scale * one.input() == pytest.approx(robot.operating_point(goal)[1], rel=0.05)
-        assert {code for code in codes if not math.isnan(code)} == {
-            0.0
-        }  # before the first message there is none
+        assert {code for code in codes if not math.isnan(code)} == {0.0}  # none before the first message
         assert one.published("health", "missed_writes") == one.published("health", "status") == 0
         assert one("deactivate") == 0
         assert one("cleanup") == 0
@@ -502,18 +511,13 @@ def test_a_commanded_position_stays_where_it_is_measured(arm: Callable[[], Manag
     assert one.input() == 0.3
 
 
-@pytest.mark.parametrize(
-    "version",
-    [
-        pytest.param("HUMBLE", marks=pytest.mark.ci("links a program")),
-        pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package")),
-    ],
-)
+@pytest.mark.ci("links a program")
+@pytest.mark.parametrize(("latency", "version"), [(0, "HUMBLE"), (1, "JAZZY")])
 def test_no_update_allocates(
-    version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path
+    latency: int, version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path
 ) -> None:
     """Nor at the first message, with a path, or at the end: the stub's publisher copies, and its logger allocates."""
-    built = managed(arm_controller(start="bumpless"), version)().package.parent.parent
+    built = managed(arm_controller(latency, start="bumpless"), version)().package.parent.parent
     objects = [built / f"{name}.o" for name in ("controller", "manager", "arm")]
     program = tmp_path / "allocations"
     subprocess.run(["g++", *STRICT, HERE / "allocations.cpp", *objects, "-lm", "-o", program], check=True)
@@ -571,7 +575,7 @@ def test_cmake_builds_the_package_against_packages_of_these_names(
 ) -> None:
     if shutil.which("cmake") is None:
         pytest.skip("missing: cmake")
-    package = managed(arm_controller(start="bumpless"))().package
+    package = managed(arm_controller(0, start="bumpless"))().package
     names = [d.text for d in ElementTree.parse(package / "package.xml").getroot().iter("depend")]
     for name in ("ament_cmake", *names):
         folder = tmp_path / "prefix" / str(name)
@@ -591,9 +595,6 @@ def test_cmake_builds_the_package_against_packages_of_these_names(
     subprocess.run([*words], check=True)
     subprocess.run(["cmake", "--build", tmp_path / "build", "--target", "install"], check=True)
     assert (tmp_path / "installed/lib/libarm_controller.so").exists()
-    for file in (
-        "config/arm_controller.yaml",
-        "launch/arm_controller.launch.py",
-        "urdf/arm_controller.urdf.xacro",
-    ):
-        assert (tmp_path / "installed/share/arm_controller" / file).exists()
+    shared = tmp_path / "installed/share/arm_controller"
+    for folder, ending in (("config", "yaml"), ("launch", "launch.py"), ("urdf", "urdf.xacro")):
+        assert (shared / folder / f"arm_controller.{ending}").exists()

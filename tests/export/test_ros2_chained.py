@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.export.test_rest import robot_of
-from tests.export.test_ros2 import PERIOD, Manager, built, workspace_controller
-from tests.export.test_ros2_trajectories import GOAL, JOINTS, MOVE, START, Session
+from tests.export.test_ros2 import PERIOD, Manager
+from tests.export.test_ros2_trajectories import GOAL, JOINTS, MOVE, START, Session, package_of
 
 import flexhinf as fh
 
@@ -28,11 +27,10 @@ JAZZY = pytest.param("JAZZY", marks=pytest.mark.nightly("one more package; ROLLI
 
 
 @pytest.mark.parametrize("version", ["HUMBLE", JAZZY, "ROLLING"])
-def test_another_controller_commands_the_arm(version: str, export_of: Callable[..., Path]) -> None:
+def test_another_controller_commands_the_arm(version: str, sources_of: Callable[..., Path]) -> None:
     """As joint_trajectory_controller does above it: positions and velocities each sample, then velocities alone. What
     nobody commands stays, a jump is refused, and messages are refused meanwhile. Above it the path rate is read."""
-    code = export_of(workspace_controller(), "double", robot_of("planar-two-link"))
-    library, package = built(code, version)
+    library, package = package_of(version, sources_of)
     one = Session(Manager(library, package))
     assert one.manager("deactivate") == 0
     assert one.manager("export_references") == 4

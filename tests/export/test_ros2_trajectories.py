@@ -6,6 +6,7 @@ import ctypes
 import math
 import subprocess
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -412,11 +413,16 @@ RUNS: dict[str, Callable[[Make], Any]] = {
 }  # fmt: skip
 
 
+@cache
+def package_of(version: str, sources_of: Callable[..., Path]) -> tuple[ctypes.CDLL, Path]:
+    """The plugin of two joints in a library, and its folder."""
+    return built(sources_of(workspace_controller(), "double", robot_of("planar-two-link")), version)
+
+
 @pytest.fixture(scope="module", params=["HUMBLE"])
-def make(request: pytest.FixtureRequest, export_of: Callable[..., Path]) -> Make:
+def make(request: pytest.FixtureRequest, sources_of: Callable[..., Path]) -> Make:
     """Sessions of one package."""
-    code = export_of(workspace_controller(), "double", robot_of("planar-two-link"))
-    library, package = built(code, request.param)
+    library, package = package_of(request.param, sources_of)
     return lambda **parameters: Session(Manager(library, package), **parameters)
 
 

@@ -19,7 +19,8 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.plant import rk4_step
 from flexhinf.robot.workspace import workspace_of
 
-pytestmark = pytest.mark.oracle
+# Libraries that make a thousand samples.
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]
 
 PERIOD, LIMIT, LOAD = 1e-3, 48.0, 0.3  # s, V, N·m on the link
 PLANT = fh.paper_arm().plant()
