@@ -26,6 +26,9 @@ from flexhinf.errors import InvalidInput
 from flexhinf.extensions import Registry
 from flexhinf.options import About
 
+# Designs and exports in processes of their own, which make little with what they compile.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ADDED = ("requirement", "law", "estimator", "export")
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
