@@ -92,7 +92,7 @@ class MonomialLayout:
 
     def shift_lines(self) -> list[tuple[int, int, np.ndarray]]:
         """(variable, length, places (lines, length + 1)): lines of coefficients along which t_j is shifted."""
-        result = []
+        result = list[tuple[int, int, np.ndarray]]()
         for k, j in product(self.degrees, range(self.directions)):
             for length in range(1, k + 1):
                 others = [beta for beta in monomials_of(self.directions - 1, k) if sum(beta) == k - length]
