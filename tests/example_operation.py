@@ -4,6 +4,7 @@ import casadi
 import numpy as np
 
 from flexhinf.codegen.operations import OperationKind, nowhere, register
+from flexhinf.scalars import deviations
 
 
 def written(writer, y, x):
@@ -13,4 +14,5 @@ def written(writer, y, x):
 
 in_c = "atan2{f}({0.bare}, {1.bare})"  # of the type's suffix, and of the operands without brackets
 where = {"switches": lambda y, x: [y], "poles": nowhere, "angle": True}  # at y = 0 it jumps by whole turns
+where |= {"difference": deviations.angle}  # how far it moves with its operands, to all digits
 register(OperationKind(casadi.OP_ATAN2, np.arctan2, written, in_c, library="atan2", costs=True, **where))

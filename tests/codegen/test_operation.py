@@ -44,9 +44,17 @@ def first_input():
     return float(controller.step([0.9])[0]).hex(), called
 """
 
-#: What is there of the operation is taken away; then its file is imported.
+#: What is there of the operation is taken away; then its file is imported, whose row is the one of the table.
 TAKEN = """
-operations.OPERATIONS.pop(casadi.OP_ATAN2)
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
+
+def stated(row):
+    y, x, writer = casadi.SX.sym("y"), casadi.SX.sym("x"), Writer(ModuleText(Lanes(2)))
+    written = row.llvm(writer, "%y", "%x"), writer.lines, str(writer.module)
+    places = str(row.switches(y, x)), str(row.poles(y, x))
+    return {**vars(row), "llvm": written, "switches": places[0], "poles": places[1]}
+
+table = operations.OPERATIONS.pop(casadi.OP_ATAN2)
 operations.COSTLY.discard(casadi.OP_ATAN2)
 del Symbol.arctan2, Jet.arctan2
 try:
@@ -58,6 +66,7 @@ else:
 before = operations.written_by_others()
 import example_operation
 assert before == "" and "atan2" in operations.written_by_others()
+assert stated(operations.OPERATIONS[casadi.OP_ATAN2]) == stated(table)
 """
 
 
