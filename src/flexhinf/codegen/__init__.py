@@ -2,20 +2,23 @@
 
 ::
 
-    NumPy ─► scalars.trace ─► dataflow ─► stages, straight ─► Program ─┬─► emit ─► LLVM ─► machine code
-                                          (what a person reads, for C) ├─► c ────► C99
-    loops over tables of places: the solver's, the checker's           └─► another target: a file, see CONTRIBUTING.md
-       └─► loops ─► emit.writer ─► LLVM ─► machine code
+    NumPy ─► scalars.trace ─► compose ─► Program ─┬─► emit, by dataflow ──────────────────────────────► LLVM ─► machine code
+                                          └─► stages or straight ─► Program ─► c, by dataflow ─► C99
+    loops over tables of places: the solver's, the checker's ─► loops ─────────────────► LLVM ─► machine code
 
-`program` has the steps; `compose` makes them of NumPy code, or `recorder` keeps the stages of one trace. `dataflow` has
-the operations of a traced function in single-assignment form with products fused into sums; `emit` and `c` read each
-function of a program so. What an operation is, in NumPy, LLVM and C, and in certificates, is said by `operations`
-alone. All LLVM is written by `emit.writer`, that of `loops` too.
+`program` has the steps, `compose` makes them of NumPy code. `dataflow` has the operations of one traced function in
+single-assignment form with products fused into sums; `emit` and `c` read each function of a program so, and another
+target may, see CONTRIBUTING. What an operation is, in NumPy, LLVM and C, and in certificates, is said by `operations`
+alone; of its rows `loops` uses those of arithmetic.
 
-For C, a controller takes one of two ways, by what it is. One that is a single trace has no steps yet:
-`stages` divides its operations into calls. One that is composed has too many: `straight` traces neighbours among them
-again, as one. Both give a `Program`, in which a person finds functions of one length: `cut` says it for both, for
-`c.function`, which writes what is traced, and for `c.statements`, which writes the calls.
+Lines of LLVM are written by `emit.writer`. `emit.module` writes programs by it, `emit.algebra` and `emit.reflections`
+their linear algebra, `emit.sines` sine and cosine, `noise` random numbers, and `loops` its functions. What occurs once
+in one of these, such as a conversion, is a line of its own there.
+
+For C, a controller takes one of two ways, by what it is. One that is a single trace has no steps yet: `stages` divides
+its operations into calls, where `recorder` kept the stages of the model. One that is composed has too many: `straight`
+traces neighbours among them again, as one. Both give a `Program`, in which a person finds functions of one length:
+`cut` says it for both, for `c.function`, which writes what is traced, and for `c.statements`, which writes the calls.
 """
 
 from __future__ import annotations
