@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+from fractions import Fraction
 
 import numpy as np
+import pytest
 
 from flexhinf.codegen import aligned
+from flexhinf.codegen.emit.writer import Lanes, ModuleText
 from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields, new_module
 
 
@@ -73,6 +76,36 @@ def test_sums_in_one_variable():
     numbers, result = np.array([3.0, 5.0, 7.0]), np.zeros(1)
     Function(text)(numbers, 3, result)
     assert result[0] == 19.0
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_a_sum_of_products_is_rounded_as_its_module_says(fused: bool) -> None:
+    """Unfused NumPy's bits, and fused those of the exact sum: of doubles and of vectors."""
+    text = Text("add", "A B C Result Rows", module=ModuleText(Lanes(LANES), fused))
+    *given, result, rows = text.fields()
+    with text.loop(0, LANES) as i:
+        result.store(text.fused(*(x.load(DOUBLE, i) for x in given)), i)
+    rows.store(text.fused(*(x.load(VECTOR) for x in given)))
+    a, b, c = np.random.default_rng(3).standard_normal((3, LANES))
+    c[::2] = -(a * b)[::2]  # fused, the rounding of the product is left
+    exact = [float(Fraction(x) * Fraction(y) + Fraction(z)) for x, y, z in zip(a, b, c)]
+    expected = exact if fused else (a * b + c).tolist()
+    single, vector = np.zeros(LANES), np.zeros(LANES)
+    Function(text)(a, b, c, single, vector)
+    assert single.tolist() == vector.tolist() == expected
+    assert exact != (a * b + c).tolist()
+
+
+def test_of_a_number_and_nan_the_number_is_the_smaller_one() -> None:
+    text = Text("smaller", "X Y Result")
+    x, y, result = text.fields()
+    result.store(x.load(VECTOR).least(y.load(VECTOR)))
+    x, y = np.array(
+        [[1.0, 2.0, np.nan, 3.0, np.inf, -1.0, 0.0, 7.0], [2.0, 1.0, 5.0, np.nan, 4.0, -2.0, 1.0, 7.0]]
+    )
+    found = np.zeros(LANES)
+    Function(text)(x, y, found)
+    assert found.tolist() == np.fmin(x, y).tolist()
 
 
 def test_operators_of_vectors_and_cases() -> None:

@@ -407,7 +407,7 @@ class _CellKernel:
                         total.add(_largest(value, even and p % 2 == 0))
             total.add(self.tail.get() + allowance.get())
             total.add(factor * (self.value_tail.get() + self.input("value_rounding")))
-            best.set(total.get().least(best.get(), "olt"))
+            best.set(best.get().least(total.get()))
         self.output("upper_inside", best.get())
 
     def _scores(self) -> None:

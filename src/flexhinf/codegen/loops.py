@@ -1,9 +1,9 @@
 """Functions over arrays written as loops in Python, for machine code: values with operators over one LLVM writer.
 
 For what a `Program` does not say, reads through tables of places: the HJI solver's contractions, the checker's cells.
-Its lines are those of `emit.writer`, and what is done to numbers stands in the table of `operations`, as for programs.
-The body of a function is written once, by Python that calls the methods of `Text`; Python's own loops unroll. Numbers
-that change are variables; LLVM keeps them in registers.
+Memory, comparisons, choices and loops are lines of `emit.writer`, and arithmetic stands in the table of `operations`,
+as for programs. The body of a function is written once, by Python that calls the methods of `Text`; Python's own loops
+unroll. Numbers that change are variables; LLVM keeps them in registers.
 
     text = Text("scale", "X n")                   # the fields of a task: 64 bits each
     x, n = text.fields()
@@ -26,14 +26,14 @@ import casadi
 import numpy as np
 
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
-from flexhinf.codegen.operations import OPERATIONS
+from flexhinf.codegen.operations import MULTIPLY_ADD, OPERATIONS
 
 LANES = 8
-DOUBLE, VECTOR, LONG, INT, SHORT = "double", f"<{LANES} x double>", "i64", "i32", "i16"
+DOUBLE, VECTOR, LONG, INT = "double", f"<{LANES} x double>", "i64", "i32"
 #: What a function is given.
 Field: TypeAlias = "np.ndarray | float | np.integer"
 
-_SIZES = {SHORT: 2, INT: 4}  # bytes of what has other than 8, or is no multiple of it
+_OWN = {VECTOR: 8 * LANES}  # what rows and variables of vectors begin at a multiple of, bytes; 8 for others
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,72 +65,75 @@ class Value:
     __radd__, __rmul__ = __add__, __mul__
 
     def __and__(self, other: Value) -> Value:
-        return self._let(self.kind, f"and {self.kind} {self.name}, {other.name}")
+        return Value(self.text, self.kind, self._of_condition().joined("and", self.name, other.name))
 
     def compare(self, relation: str, other: Value | float) -> Value:
         """A condition: of integers "eq", "slt", …, of numbers "olt", …; of a vector one in each lane."""
         writer, right = self.text.writer(self.kind), self.text.number(other, self.kind).name
-        if self.kind == LONG:
-            return self._let("i1", f"icmp {relation} {self.kind} {self.name}, {right}")
-        return Value(self.text, writer.lanes.boolean, writer.compare(relation, self.name, right))
+        compared = writer.compare_whole if self.kind == LONG else writer.compare
+        return Value(self.text, writer.lanes.boolean, compared(relation, self.name, right))
 
     def somewhere(self) -> Value:
         """Whether a condition holds in some lane."""
-        return Value(self.text, "i1", self.text.writer(VECTOR).any(self.name))
+        return Value(self.text, "i1", self._of_condition().any(self.name))
 
     def choose(self, this: Value, other: Value | float) -> Value:
         """`this` where the condition holds, else the other one."""
-        kinds = f"{this.kind} {this.name}, {this.kind} {self.text.number(other, this.kind).name}"
-        return self._let(this.kind, f"select {self.kind} {self.name}, {kinds}")
+        no = self.text.number(other, this.kind).name
+        return Value(self.text, this.kind, self._of_condition().select(self.name, this.name, no, this.kind))
 
-    def least(self, other: Value | int, relation: str = "slt") -> Value:
-        """The smaller one of two integers; of two numbers, by "olt"."""
-        return self.compare(relation, other).choose(self, other)
+    def least(self, other: Value | int) -> Value:
+        """The smaller one of two; of numbers, one that is NaN loses."""
+        if self.kind == LONG:
+            return self.compare("slt", other).choose(self, other)
+        return self.text.computed(casadi.OP_FMIN, self, other)
 
     def most(self, other: Value | int) -> Value:
         """The larger one of two integers."""
-        return self.least(other, "sgt")
+        return self.compare("sgt", other).choose(self, other)
 
     def at(self, kind: str, index: Value | int) -> Value:
         """The address `index` elements of a kind further on."""
-        return self._let("ptr", f"getelementptr {kind}, ptr {self.name}, i64 {self.text.number(index).name}")
+        return Value(self.text, "ptr", self.text.lines.at(kind, self.name, self.text.number(index).name))
 
     def load(self, kind: str, index: Value | int = 0) -> Value:
         """The element there, an integer as 64 bits. A vector begins at any double: its index counts doubles."""
-        where = self.at(DOUBLE if kind == VECTOR else kind, index)
-        value = self._let(kind, f"load {kind}, ptr {where.name}, align {_SIZES.get(kind, 8)}")
-        return self._let(LONG, f"sext {kind} {value.name} to i64") if kind in _SIZES else value
+        writer, where = self.text.lines, self.at(DOUBLE if kind == VECTOR else kind, index)
+        if kind == INT:
+            return Value(self.text, LONG, writer.let(f"sext i32 {writer.read(INT, where.name, 4)} to i64"))
+        return Value(self.text, kind, writer.read(kind, where.name))
 
     def store(self, value: Value, index: Value | int = 0) -> None:
         """Put a double, a vector or an integer of 64 bits there."""
         where = self.at(DOUBLE if value.kind == VECTOR else value.kind, index)
-        self.text.lines.do(f"store {value.kind} {value.name}, ptr {where.name}, align 8")
+        self.text.lines.write(value.kind, value.name, where.name)
 
     def row(self, index: Value | int = 0) -> Value:
         """The vector `index` vectors further on, at a multiple of 64 bytes."""
-        return self._let(VECTOR, f"load {VECTOR}, ptr {self.at(VECTOR, index).name}, align 64")
+        return Value(
+            self.text, VECTOR, self.text.lines.read(VECTOR, self.at(VECTOR, index).name, _OWN[VECTOR])
+        )
 
     def set_row(self, value: Value, index: Value | int = 0, past_cache: bool = False) -> None:
         """Put a vector there; `past_cache` if it is not read soon."""
-        where = f"ptr {self.at(VECTOR, index).name}, align 64"
-        self.text.lines.do(f"store {VECTOR} {value.name}, {where}{', !nontemporal !0' if past_cache else ''}")
+        place = self.at(VECTOR, index).name
+        self.text.lines.write(VECTOR, value.name, place, _OWN[VECTOR], past_cache)
 
     def shuffled(self, other: Value, lanes: list[int]) -> Value:
         """The vector of these lanes of both vectors, the second one's from 8 on."""
-        mask = ", ".join(f"i32 {lane}" for lane in lanes)
-        both = f"{VECTOR} {self.name}, {VECTOR} {other.name}"
-        return self._let(VECTOR, f"shufflevector {both}, <{LANES} x i32> <{mask}>")
+        return Value(self.text, VECTOR, self.text.writer(VECTOR).shuffled(self.name, other.name, lanes))
 
     def real(self) -> Value:
         """The double of an integer."""
-        return self._let(DOUBLE, f"sitofp i64 {self.name} to double")
+        return Value(self.text, DOUBLE, self.text.lines.to_float(self.name))
 
     def all_lanes(self) -> Value:
         """The vector of a double in every lane."""
         return Value(self.text, VECTOR, self.text.writer(VECTOR).splat(self.name))
 
-    def _let(self, kind: str, expression: str) -> Value:
-        return Value(self.text, kind, self.text.lines.let(expression))
+    def _of_condition(self) -> Writer:
+        """The writer of what a condition is one of: of integers and doubles, or of vectors."""
+        return self.text.lines if self.kind == "i1" else self.text.writer(VECTOR)
 
 
 class Variable:
@@ -142,12 +145,13 @@ class Variable:
 
     def get(self) -> Value:
         """Its value now."""
-        text = self._place.text
-        return Value(text, self._kind, text.lines.let(f"load {self._kind}, ptr {self._place.name}"))
+        text, align = self._place.text, _OWN.get(self._kind, 8)
+        return Value(text, self._kind, text.lines.read(self._kind, self._place.name, align))
 
     def set(self, value: Value) -> None:
         """Change it."""
-        self._place.text.lines.do(f"store {self._kind} {value.name}, ptr {self._place.name}")
+        align = _OWN.get(self._kind, 8)
+        self._place.text.lines.write(self._kind, value.name, self._place.name, align)
 
     def add(self, value: Value) -> None:
         """Add to it."""
@@ -183,7 +187,7 @@ class Text:
 
     def fused(self, a: Value, b: Value, c: Value) -> Value:
         """a·b + c with one rounding where the processor can."""
-        return Value(self, c.kind, self.writer(c.kind).multiply_add(a.name, b.name, c.name))
+        return self.computed(MULTIPLY_ADD, a, b, c) if self.module.fused else a * b + c
 
     def fields(self) -> list[Value]:
         """What the function is given."""
@@ -229,15 +233,7 @@ class Text:
 
     def cases(self, number: Value, most: int) -> Iterator[int]:
         """The lines for each case 1, …, most of a number; nothing is done for others."""
-        writer, done = self.lines, self.lines.label("done")
-        labels = {case: writer.label("case") for case in range(1, most + 1)}
-        cases = " ".join(f"i64 {case}, label %{label}" for case, label in labels.items())
-        writer.do(f"switch i64 {number.name}, label %{done} [ {cases} ]")
-        for case, label in labels.items():
-            writer.place(label)
-            yield case
-            writer.do(f"br label %{done}")
-        writer.place(done)
+        return self.lines.cases(number.name, most)
 
     def finish(self) -> None:
         """Put the function into its module."""

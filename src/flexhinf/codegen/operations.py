@@ -235,7 +235,7 @@ def _logical(code: int, numpy: NumpyRule, name: str, c: str) -> OperationKind:
     """Of two truth values, of which the second is not left out: both are computed before. NaN is true, as in C."""
 
     def llvm(w: Writer, a: str, b: str) -> str:
-        return w.number(w.let(f"{name} {w.lanes.boolean} {w.truth(a)}, {w.truth(b)}"))
+        return w.number(w.joined(name, w.truth(a), w.truth(b)))
 
     c = f"{{0}} {c} {{1}}"
     return OperationKind(
@@ -248,7 +248,7 @@ def _extremum(code: int, numpy: NumpyRule, better: str, c: str, of_truths: int) 
 
     def llvm(w: Writer, a: str, b: str) -> str:
         beaten, missing = w.compare(better, b, a), w.compare("uno", a, a)
-        return w.select(w.let(f"or {w.lanes.boolean} {beaten}, {missing}"), b, a)
+        return w.select(w.joined("or", beaten, missing), b, a)
 
     return OperationKind(
         code,

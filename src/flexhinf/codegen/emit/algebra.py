@@ -187,7 +187,7 @@ class Algebra:
         )
         rounding = self._load(Operand(moved), j, 1)
         low = writer.real("fneg", writer.real("fmul", rounding, tolerance))
-        singular = writer.let(f"and {writer.lanes.boolean} {small}, {writer.compare('oge', pivot, low)}")
+        singular = writer.joined("and", small, writer.compare("oge", pivot, low))
         inverse = writer.real("fdiv", writer.lanes.constant(1.0), writer.intrinsic("sqrt", pivot))
         inverse = self._spread(writer.select(singular, writer.lanes.constant(0.0), inverse), together)
         rounding = self._spread(rounding, together)
@@ -228,10 +228,10 @@ class Algebra:
         width = min(TOGETHER, columns) if self._single else 1
 
         def some(first: int, count: int) -> list[str]:
-            before, rows = 0, {}
+            before, rows = 0, dict[int, str]()
             for degree in degrees:
                 rows[degree] = writer.allocate("i64")
-                writer.do(f"store i64 {before}, ptr {rows[degree]}, align 8")
+                writer.write("i64", before, rows[degree])
                 before += basis.count(n, degree)
 
             def total(chosen: int, begin: str) -> list[str]:
@@ -239,8 +239,8 @@ class Algebra:
                 vectors = 1 if self._single else count
                 start = [self._wide(width).lanes.constant(0.0)] * vectors
                 if chosen in rows:
-                    row = writer.let(f"load i64, ptr {rows[chosen]}, align 8")
-                    writer.do(f"store i64 {self._ahead(row, 1)}, ptr {rows[chosen]}, align 8")
+                    row = writer.read("i64", rows[chosen])
+                    writer.write("i64", self._ahead(row, 1), rows[chosen])
                     starts = [self._at(row, columns, first + k) for k in range(vectors)]
                     start = [self._load(table, place, width) for place in starts]
                 if chosen == degrees[-1]:
@@ -274,27 +274,27 @@ class Algebra:
         """Memory for a sum with this start value, until LLVM promotes it to a register."""
         kind = self._wide(together).lanes.real
         place = self.writer.allocate(kind)
-        self.writer.do(f"store {kind} {start}, ptr {place}, align 8")
+        self.writer.write(kind, start, place)
         return place
 
     def _add_to(self, place: str, a: str, b: str, together: int) -> None:
         wide = self._wide(together)
         total = wide.multiply_add(a, b, self._loaded(place, together))
-        self.writer.do(f"store {wide.lanes.real} {total}, ptr {place}, align 8")
+        self.writer.write(wide.lanes.real, total, place)
 
     def _loaded(self, place: str, together: int) -> str:
-        return self.writer.let(f"load {self._wide(together).lanes.real}, ptr {place}, align 8")
+        return self.writer.read(self._wide(together).lanes.real, place)
 
     def _load(self, operand: Operand, place: str, together: int) -> str:
         if not self._single:
             return self.writer.load_element(operand.pointer, place, operand.shared)
-        pointer = self.writer.let(f"getelementptr double, ptr {operand.pointer}, i64 {place}")
-        return self.writer.let(f"load {Lanes(together).real}, ptr {pointer}, align 8")
+        pointer = self.writer.at("double", operand.pointer, place)
+        return self.writer.read(Lanes(together).real, pointer)
 
     def _store(self, target: str, place: str, value: str, together: int) -> None:
         lanes = Lanes(together) if self._single else self.writer.lanes
-        pointer = self.writer.let(f"getelementptr {self.writer.lanes.element}, ptr {target}, i64 {place}")
-        self.writer.do(f"store {lanes.real} {value}, ptr {pointer}, align 8")
+        pointer = self.writer.at(self.writer.lanes.element, target, place)
+        self.writer.write(lanes.real, value, pointer)
 
     def _spread(self, value: str, together: int) -> str:
         return self._wide(together).splat(value) if self._single else value

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from functools import reduce
+from functools import partial, reduce
 from itertools import zip_longest
 
 import casadi
@@ -138,7 +138,7 @@ def _define(
     if far and lanes.width > 1:
         beyond = [writer.compare("ogt", largest, lanes.constant(REACH[module.fused]))]
     if far:  # before anything is stored: a result may overwrite an argument
-        some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
+        some = reduce(partial(writer.joined, "or"), beyond)
         writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
         writer.do(f"call void @{far}({pointers})")
         writer.place("near", "ret void")
@@ -235,16 +235,15 @@ class _Emitter:
         writer, width = self.writer, self.lanes.width
         slots = len(self.program.buffers) + len(self.program.counts)
         self.pointers = {
-            buffer.name: writer.let(f"load ptr, ptr {self._word(k)}, align 8")
-            for k, buffer in enumerate(self.program.buffers)
+            buffer.name: writer.read("ptr", self._word(k)) for k, buffer in enumerate(self.program.buffers)
         }
         self.turns = {
-            count: writer.let(f"load i64, ptr {self._word(k)}, align 8")
+            count: writer.read("i64", self._word(k))
             for k, count in enumerate(self.program.counts, len(self.program.buffers))
         }
         self.codes, self.steps = self._word(slots), self._word(slots + width)
-        writer.do(f"store {self.lanes.integer} {self.lanes.whole(0)}, ptr {self.codes}, align 8")
-        writer.do(f"store {self.lanes.integer} {self.lanes.whole(-1)}, ptr {self.steps}, align 8")
+        writer.write(self.lanes.integer, self.lanes.whole(0), self.codes)
+        writer.write(self.lanes.integer, self.lanes.whole(-1), self.steps)
         for buffer in self.program.buffers:
             if buffer.role == "work" and buffer.size is not None and buffer.cleared:
                 name, size = "llvm.memset.p0.i64", 8 * buffer.size * width
@@ -253,7 +252,7 @@ class _Emitter:
                 writer.do(f"call void @{name}({place}, i8 0, i64 {size}, i1 false)")
         self._body(self.program.body, ())
         writer.place("finish", "br label %finish")
-        largest = writer.let(f"load {self.lanes.integer}, ptr {self.codes}, align 8")
+        largest = writer.read(self.lanes.integer, self.codes)
         if not self.single:
             name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
             self.module.declarations[name] = f"declare i64 @{name}({self.lanes.integer})"
@@ -273,7 +272,7 @@ class _Emitter:
         return self.module
 
     def _word(self, k: int) -> str:
-        return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
+        return self.writer.at("i64", "%context", k)
 
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
         for calls, step in _lines(body):
@@ -327,7 +326,7 @@ class _Emitter:
             if stride:
                 element = writer.let(f"add nsw i64 {element}, {writer.let(f'mul nsw i64 {turn}, {stride}')}")
         kind = "double" if self._shared(piece) else self.lanes.element
-        return writer.let(f"getelementptr {kind}, ptr {self.pointers[piece.buffer]}, i64 {element}")
+        return writer.at(kind, self.pointers[piece.buffer], element)
 
     def _shared(self, piece: Slice) -> bool:
         columns = COLUMN in self.pointers and self.single  # in a sweep of a single run, the lanes are columns
@@ -388,7 +387,7 @@ class _Emitter:
     def _column(self, columns: Columns, start: str, index: str, move: int) -> str:
         unit = "double" if self._shared(columns.whole) else self.lanes.element
         offset = self.writer.let(f"mul nsw i64 {index}, {move}")
-        return self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
+        return self.writer.at(unit, start, offset)
 
     def _pack(self, columns: Columns, start: str, packed: str, wide: Lanes, left: int) -> None:
         """Copy `left` neighbouring columns, the first at `start`, to elements of as many lanes at `packed`.
@@ -402,42 +401,42 @@ class _Emitter:
             if self.lanes.width > 1:
                 value = writer.load_element(place, 0, shared)
             elif across == 1 or left == 1:
-                value = writer.let(f"load {Lanes(left).real}, ptr {place}, align 8")
+                value = writer.read(Lanes(left).real, place)
                 value = _resized(writer, value, left, wide.width)
             else:
                 value = "zeroinitializer"
                 for lane in range(left):
-                    number = writer.let(f"getelementptr double, ptr {place}, i64 {lane * across}")
-                    number = writer.let(f"load double, ptr {number}, align 8")
+                    number = writer.at("double", place, lane * across)
+                    number = writer.read("double", number)
                     value = writer.let(f"insertelement {wide.real} {value}, double {number}, i64 {lane}")
-            kept = writer.let(f"getelementptr {wide.element}, ptr {packed}, i64 {element}")
-            writer.do(f"store {wide.real} {value}, ptr {kept}, align 8")
+            kept = writer.at(wide.element, packed, element)
+            writer.write(wide.real, value, kept)
 
     def _unpack(self, columns: Columns, start: str, packed: str, wide: Lanes, left: int) -> None:
         """The inverse of `_pack`."""
         writer, (along, across) = self.writer, columns.moves
         for element in writer.elements(columns.size):
-            kept = writer.let(f"getelementptr {wide.element}, ptr {packed}, i64 {element}")
-            value = writer.let(f"load {wide.real}, ptr {kept}, align 8")
+            kept = writer.at(wide.element, packed, element)
+            value = writer.read(wide.real, kept)
             place = self._column(columns, start, element, along)
             if self.lanes.width > 1:
-                writer.do(f"store {wide.real} {value}, ptr {place}, align 8")
+                writer.write(wide.real, value, place)
                 continue
             if across == 1 or left == 1:
                 value = _resized(writer, value, wide.width, left)
-                writer.do(f"store {Lanes(left).real} {value}, ptr {place}, align 8")
+                writer.write(Lanes(left).real, value, place)
                 continue
             for lane in range(left):
                 number = writer.let(f"extractelement {wide.real} {value}, i64 {lane}")
-                position = writer.let(f"getelementptr double, ptr {place}, i64 {lane * across}")
-                writer.do(f"store double {number}, ptr {position}, align 8")
+                position = writer.at("double", place, lane * across)
+                writer.write("double", number, position)
 
     def _sweep(self, step: Sweep, turns: tuple[str, ...]) -> None:
 
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
             matrix = self._column(columns, self._address(columns.whole, turns), first, columns.moves[1])
             memory = self._scratch(wide)
-            return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
+            return matrix, self.writer.at(wide.element, memory, place.offset)
 
         for first, left, _ in self.writer.blocks(step.count, BLOCK if self.single else 1):
             wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
@@ -517,31 +516,31 @@ class _Emitter:
 
         There the lanes that fail for the first time are marked, and the run stops when no lane is left.
         """
-        writer, lanes, integer, boolean = self.writer, self.lanes, self.lanes.integer, self.lanes.boolean
+        writer, lanes, integer = self.writer, self.lanes, self.lanes.integer
         source, shared = self._address(step.source, turns), self._shared(step.source)
         together = writer.allocate(integer)
-        writer.do(f"store {integer} {lanes.whole(0)}, ptr {together}, align 8")
+        writer.write(integer, lanes.whole(0), together)
         for element in writer.elements(step.source.size):
             number = writer.load_element(source, element, shared)
             bits = writer.bits(writer.real("fsub", number, number))
-            so_far = writer.let(f"load {integer}, ptr {together}, align 8")
-            writer.do(f"store {integer} {writer.whole('or', so_far, bits)}, ptr {together}, align 8")
-        total = writer.float(writer.let(f"load {integer}, ptr {together}, align 8"))
+            so_far = writer.read(integer, together)
+            writer.write(integer, writer.whole("or", so_far, bits), together)
+        total = writer.float(writer.read(integer, together))
         bad = writer.compare("uno", total, total)
         failed, go_on = writer.label("failed"), writer.label("on")
         writer.place(failed, f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
-        codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
-        steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
-        alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
-        fresh = writer.let(f"and {boolean} {bad}, {alive}")
+        codes = writer.read(integer, self.codes)
+        steps = writer.read(integer, self.steps)
+        alive = writer.compare_whole("eq", codes, lanes.whole(0))
+        fresh = writer.joined("and", bad, alive)
         turn = turns[0] if turns else "0"
         if lanes.width > 1:
             turn = writer.splat(turn, "i64")
-        codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(step.code)}, {integer} {codes}")
-        steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
-        writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
-        writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
-        left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
+        codes = writer.select(fresh, lanes.whole(step.code), codes, integer)
+        steps = writer.select(fresh, turn, steps, integer)
+        writer.write(integer, codes, self.codes)
+        writer.write(integer, steps, self.steps)
+        left = writer.any(writer.compare_whole("eq", codes, lanes.whole(0)))
         writer.place(go_on, f"br i1 {left}, label %{go_on}, label %finish")
 
 
@@ -568,6 +567,5 @@ def _resized(writer: Writer, value: str, width: int, wanted: int) -> str:
         return writer.let(f"insertelement {Lanes(wanted).real} zeroinitializer, double {value}, i64 0")
     if wanted == 1:
         return writer.let(f"extractelement {Lanes(width).real} {value}, i64 0")
-    real = Lanes(width).real
-    mask = ", ".join(f"i32 {min(k, width)}" for k in range(wanted))
-    return writer.let(f"shufflevector {real} {value}, {real} zeroinitializer, <{wanted} x i32> <{mask}>")
+    places = [min(k, width) for k in range(wanted)]
+    return writer.alike(Lanes(width)).shuffled(value, "zeroinitializer", places)

@@ -160,12 +160,12 @@ class Reflections(Algebra):
             for k in range(WIDE):
                 number = self._load(Operand(work), self._at(self._ahead(first, k), pitch, c), 1)
                 value = wide.let(f"insertelement {lanes.real} {value}, double {number}, i64 {k}")
-            above = wide.let(f"icmp slt {lanes.integer} {numbers(first)}, {here}")
+            above = wide.compare_whole("slt", numbers(first), here)
             value = wide.select(above, zero, value)
             self._store(v, first, value, WIDE)
             size, so_far = wide.intrinsic("fabs", value), self._loaded(most, WIDE)
             larger = wide.select(wide.compare("ogt", size, so_far), size, so_far)
-            writer.do(f"store {lanes.real} {larger}, ptr {most}, align 8")
+            writer.write(lanes.real, larger, most)
         lengths = self._elements(self._loaded(most, WIDE), WIDE)
         while len(lengths) > 1:
             pairs = zip(lengths[::2], lengths[1::2])
@@ -181,13 +181,11 @@ class Reflections(Algebra):
         with writer.loop(end, first_group) as q:
             first = writer.let(f"mul nsw i64 {q}, {WIDE}")
             value, places = self._load(Operand(v), first, WIDE), numbers(first)
-            value = wide.select(wide.let(f"icmp eq {lanes.integer} {places}, {there}"), instead, value)
-            value = wide.select(wide.let(f"icmp eq {lanes.integer} {places}, {here}"), zero, value)
+            value = wide.select(wide.compare_whole("eq", places, there), instead, value)
+            value = wide.select(wide.compare_whole("eq", places, here), zero, value)
             self._store(v, first, value, WIDE)
             for half in range(0, WIDE, TILE):
-                picked = ", ".join(f"i32 {half + k}" for k in range(TILE))
-                mask = f"<{TILE} x i32> <{picked}>"
-                part = wide.let(f"shufflevector {lanes.real} {value}, {lanes.real} poison, {mask}")
+                part = wide.shuffled(value, "poison", range(half, half + TILE))
                 self._add_to(total, part, part, TILE)
         return diagonal, self._summed(self._elements(self._loaded(total, TILE), TILE), writer), largest
 
@@ -197,7 +195,7 @@ class Reflections(Algebra):
         lanes, wanted, index = wide.lanes, wide.splat(size), writer.allocate("i64")
         name = "llvm.cttz.i64"
         writer.module.declarations[name] = f"declare i64 @{name}(i64, i1)"
-        writer.do(f"store i64 0, ptr {index}, align 8")
+        writer.write("i64", "0", index)
         with writer.loop(writer.let(f"sub nsw i64 {end}, {first_group}")) as q:
             group = writer.let(f"sub nsw i64 {writer.let(f'sub nsw i64 {end}, 1')}, {q}")
             first = writer.let(f"mul nsw i64 {group}, {WIDE}")
@@ -205,13 +203,10 @@ class Reflections(Algebra):
             bits = writer.let(f"bitcast {lanes.boolean} {same} to i{WIDE}")
             count = writer.let(f"call i64 @{name}(i64 {writer.let(f'zext i{WIDE} {bits} to i64')}, i1 false)")
             place = writer.let(f"add nsw i64 {first}, {count}")
-            some, before = (
-                writer.let(f"icmp ne i{WIDE} {bits}, 0"),
-                writer.let(f"load i64, ptr {index}, align 8"),
-            )
+            some, before = writer.let(f"icmp ne i{WIDE} {bits}, 0"), writer.read("i64", index)
             place = writer.let(f"select i1 {some}, i64 {place}, i64 {before}")
-            writer.do(f"store i64 {place}, ptr {index}, align 8")
-        return writer.let(f"load i64, ptr {index}, align 8")
+            writer.write("i64", place, index)
+        return writer.read("i64", index)
 
     def _pivot_row_by_row(self, rows: _Rows, c: str) -> tuple[str, str, str]:
         """The same row by row: for few rows, and in lanes, where each has a row of its own."""
@@ -237,19 +232,19 @@ class Reflections(Algebra):
         """Index, from c on, of the first of the numbers of the largest magnitude; that at c counts twice."""
         writer = self.writer
         kind, index = writer.lanes.integer, writer.allocate(writer.lanes.integer)
-        writer.do(f"store {kind} {writer.splat(c, 'i64')}, ptr {index}, align 8")
+        writer.write(kind, writer.splat(c, "i64"), index)
         size = writer.intrinsic("fabs", self._load(Operand(v), c, 1))
         best = self._place(writer.real("fadd", size, size), 1)
         with writer.loop(height, self._ahead(c, 1)) as i:
             size, so_far = writer.intrinsic("fabs", self._load(Operand(v), i, 1)), self._loaded(best, 1)
             larger = writer.compare("ogt", size, so_far)
-            before = writer.let(f"load {kind}, ptr {index}, align 8")
+            before = writer.read(kind, index)
             here = writer.splat(i, "i64")
-            place = writer.let(f"select {writer.lanes.boolean} {larger}, {kind} {here}, {kind} {before}")
-            writer.do(f"store {kind} {place}, ptr {index}, align 8")
+            place = writer.select(larger, here, before, kind)
+            writer.write(kind, place, index)
             size = writer.select(larger, size, so_far)
-            writer.do(f"store {writer.lanes.real} {size}, ptr {best}, align 8")
-        return writer.let(f"load {kind}, ptr {index}, align 8")
+            writer.write(writer.lanes.real, size, best)
+        return writer.read(kind, index)
 
     def _exchange(self, work: str, sizes: tuple[int | str, int, int], c: str, other: str, column: str) -> str:
         """Let row c and another, in lanes one of its own for each, change places in a column; what is in row c then."""
@@ -264,10 +259,10 @@ class Reflections(Algebra):
             place = self._place(top, 1)
             with writer.loop(str(height), self._ahead(c, 1)) as i:
                 there, index = self._at(i, pitch, column), writer.splat(i, "i64")
-                same = writer.let(f"icmp eq {writer.lanes.integer} {other}, {index}")
+                same = writer.compare_whole("eq", other, index)
                 value, so_far = self._load(rows, there, 1), self._loaded(place, 1)
                 kept = writer.select(same, value, so_far)
-                writer.do(f"store {writer.lanes.real} {kept}, ptr {place}, align 8")
+                writer.write(writer.lanes.real, kept, place)
                 self._store(work, there, writer.select(same, top, value), 1)
             found = self._loaded(place, 1)
         self._store(work, here, found, together)
@@ -314,7 +309,7 @@ class Reflections(Algebra):
                         high, lost = self._two_sum(wide, high, wide.real("fneg", product))
                         low = wide.real("fadd", wide.real("fsub", low, error), lost)
                         for place, value in zip(places, (high, low)):
-                            writer.do(f"store {wide.lanes.real} {value}, ptr {place}, align 8")
+                            writer.write(wide.lanes.real, value, place)
                 for i, places in zip(outputs, sums):
                     high, low = (self._loaded(place, together) for place in places)
                     finite = wide.compare("ord", wide.real("fsub", low, low), wide.lanes.constant(0.0))

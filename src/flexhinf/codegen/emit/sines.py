@@ -47,7 +47,7 @@ def is_far(writer: Writer, value: str) -> str:
     size = writer.intrinsic("fabs", value)
     far = writer.compare("ogt", size, lanes.constant(REACH[writer.module.fused]))
     finite = writer.compare("olt", size, lanes.constant(math.inf))
-    return writer.let(f"and {lanes.boolean} {far}, {finite}")
+    return writer.joined("and", far, finite)
 
 
 def turn(caller: Writer, name: str, value: str, kind: str = "reduced") -> str:
@@ -83,7 +83,7 @@ def _near(writer: Writer, x: str, name: str, alone: bool) -> str:
     remainder = size
     for part in HALF_PI[writer.module.fused]:
         remainder = writer.multiply_add(turns, lanes.constant(part), remainder)
-    odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
+    odd = writer.compare_whole("ne", writer.whole("and", quadrant, 1), lanes.whole(0))
     square = writer.real("fmul", remainder, remainder)
     parabola = writer.multiply_add(square, lanes.constant(-0.5), lanes.constant(1.0))
 

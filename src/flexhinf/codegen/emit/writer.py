@@ -131,14 +131,28 @@ class Writer:
         mask = f"<{self.lanes.width} x i32> zeroinitializer"
         return self.let(f"shufflevector {vector} {first}, {vector} poison, {mask}")
 
+    def at(self, kind: str, pointer: str, index: int | str) -> str:
+        """The address `index` elements of a kind further on."""
+        return self.let(f"getelementptr {kind}, ptr {pointer}, i64 {index}")
+
+    def read(self, kind: str, place: str, align: int = 8) -> str:
+        """What stands at an address that is a multiple of so many bytes."""
+        return self.let(f"load {kind}, ptr {place}, align {align}")
+
+    def write(
+        self, kind: str, value: int | str, place: str, align: int = 8, past_cache: bool = False
+    ) -> None:
+        """Put a value there; `past_cache`, in a module with such a note !0, if it is not read soon."""
+        self.do(f"store {kind} {value}, ptr {place}, align {align}{', !nontemporal !0' * past_cache}")
+
     @contextmanager
     def loop(self, end: str, first: str = "0", step: int = 1) -> Generator[str, None, None]:
         """A loop over first, first + step, … below `end`; the turn lives in memory until LLVM promotes it."""
         place = self.allocate("i64")
         head, inside, after = self.label("head"), self.label("turn"), self.label("after")
-        self.do(f"store i64 {first}, ptr {place}, align 8")
+        self.write("i64", first, place)
         self.place(head, f"br label %{head}")
-        turn = self.let(f"load i64, ptr {place}, align 8")
+        turn = self.read("i64", place)
         more = self.let(f"icmp slt i64 {turn}, {end}")
         self.place(inside, f"br i1 {more}, label %{inside}, label %{after}")
         yield turn
@@ -152,6 +166,18 @@ class Writer:
         self.place(inside, f"br i1 {condition}, label %{inside}, label %{after}")
         yield
         self.place(after, f"br label %{after}")
+
+    def cases(self, number: str, most: int) -> Iterator[int]:
+        """The lines for each case 1, …, most of an integer; nothing is done for others."""
+        done = self.label("done")
+        labels = {case: self.label("case") for case in range(1, most + 1)}
+        cases = " ".join(f"i64 {case}, label %{label}" for case, label in labels.items())
+        self.do(f"switch i64 {number}, label %{done} [ {cases} ]")
+        for case, label in labels.items():
+            self.place(label)
+            yield case
+            self.do(f"br label %{done}")
+        self.place(done)
 
     def turns(self, first: str, end: str, block: int) -> Iterator[tuple[str, int, str]]:
         """A loop over full blocks: first element, length and number of each."""
@@ -187,10 +213,23 @@ class Writer:
         """Truth value of an LLVM comparison of floats, such as ``olt``."""
         return self.let(f"fcmp {predicate} {self.lanes.real} {left}, {right}")
 
-    def select(self, condition: str, yes: str, no: str) -> str:
-        """`yes` where the condition holds, else `no`."""
-        real = self.lanes.real
-        return self.let(f"select {self.lanes.boolean} {condition}, {real} {yes}, {real} {no}")
+    def compare_whole(self, predicate: str, left: str, right: str) -> str:
+        """Truth value of an LLVM comparison of 64-bit integers, such as ``slt``."""
+        return self.let(f"icmp {predicate} {self.lanes.integer} {left}, {right}")
+
+    def joined(self, operation: str, left: str, right: str) -> str:
+        """``and`` or ``or`` of two truth values."""
+        return self.let(f"{operation} {self.lanes.boolean} {left}, {right}")
+
+    def select(self, condition: str, yes: str, no: str, kind: str = "") -> str:
+        """`yes` where the condition holds, else `no`: floats, or values of another kind."""
+        kind = kind or self.lanes.real
+        return self.let(f"select {self.lanes.boolean} {condition}, {kind} {yes}, {kind} {no}")
+
+    def shuffled(self, value: str, other: str, places: Sequence[int]) -> str:
+        """The floats at these places of two vectors, the second one's behind those of the first."""
+        real, mask = self.lanes.real, ", ".join(f"i32 {place}" for place in places)
+        return self.let(f"shufflevector {real} {value}, {real} {other}, <{len(places)} x i32> <{mask}>")
 
     def bits(self, value: str) -> str:
         """The bits of a float."""
@@ -224,14 +263,14 @@ class Writer:
     def load_element(self, pointer: str, element: int | str, shared: bool) -> str:
         """Load one element; a shared one is copied to every lane."""
         kind, size = ("double", "double") if shared else (self.lanes.real, self.lanes.element)
-        place = self.let(f"getelementptr {size}, ptr {pointer}, i64 {element}")
-        value = self.let(f"load {kind}, ptr {place}, align 8")
+        place = self.at(size, pointer, element)
+        value = self.read(kind, place)
         return self.splat(value) if shared else value
 
     def store_element(self, pointer: str, element: int | str, value: str) -> None:
         """Store one element."""
-        place = self.let(f"getelementptr {self.lanes.element}, ptr {pointer}, i64 {element}")
-        self.do(f"store {self.lanes.real} {value}, ptr {place}, align 8")
+        place = self.at(self.lanes.element, pointer, element)
+        self.write(self.lanes.real, value, place)
 
     def larger(self, value: str, other: str) -> str:
         """The value where it is larger than the other, else the other; a NaN is not larger."""
