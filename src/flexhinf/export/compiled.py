@@ -68,8 +68,8 @@ def compile_controller(
     """
     from markupsafe import Markup
 
-    from flexhinf.export.controller_c import code_of
-    from flexhinf.export.rendering import render
+    from flexhinf.export.controller_c import SOURCES, code_of
+    from flexhinf.export.file_list import File, rendered
     from flexhinf.loop.controller.status import WATCHED
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
@@ -96,16 +96,17 @@ def compile_controller(
         "rejected": code.rejected,
         "doubt": code.doubt,
     }
-    entry = render(
+    entry: File[ControllerCode] = File(
+        "entry.c",
         "library.c",
-        name=code.name,
-        NAME=code.name.upper(),
-        c=c,
-        mark=Markup(MARK.strip().decode() + r"\n"),
-        instructions=list(INSTRUCTIONS.items()),
-        description=about,
+        lambda code: {
+            "mark": Markup(MARK.strip().decode() + r"\n"),
+            "instructions": list(INSTRUCTIONS.items()),
+            "description": about,
+        },
     )
-    sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": entry}
+    shared = {**code.values, "digest": code.digest}
+    sources = rendered([*SOURCES, entry], code, code.name, code.real, **shared)
     try:
         image = shared_library(sources, ("-O3", *flags))
     except InvalidInput:  # some compilers have no such names

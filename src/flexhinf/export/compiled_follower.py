@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import gettempdir
 
@@ -14,22 +15,18 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import compiler_flags, loaded, shared_library
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.file_list import File, rendered
-from flexhinf.export.follow import follow_values, follower_of
+from flexhinf.export.follow import FILES, follow_values, follower_of
 from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.follower import FollowCode, Follower, FollowSample
 from flexhinf.validation import checked_array
 
-#: Files of ``NAME_follow``, and what calls them.
-FILES: tuple[File[ControllerCode], ...] = (
-    File("@{name}_follow.h", "follow.h", follow_values),
-    File("@{name}_follow.c", "follow.c", follow_values),
-    File("follow_library.c", "follow_library.c", follow_values),
-)
+#: What calls ``NAME_follow``, for `CompiledFollower`.
+LIBRARY: File[Mapping[str, object]] = File("follow_library.c", "follow_library.c", lambda values: values)
 
 
 def follow_files(code: ControllerCode) -> dict[str, str]:
     """Header and source of ``NAME_follow``, and a file with what `CompiledFollower` calls of it."""
-    return rendered(FILES, code, code.name, code.real)
+    return rendered([*FILES, LIBRARY], follow_values(code), code.name, code.real)
 
 
 def checked_follower(code: ControllerCode) -> Follower:

@@ -44,6 +44,7 @@ from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.contract import CODES, unlimited_inputs
+from flexhinf.export.file_list import File, rendered
 from flexhinf.export.names import (
     MEMORY,
     checked_identifier,
@@ -54,7 +55,6 @@ from flexhinf.export.names import (
 )
 from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.export.places import Places
-from flexhinf.export.rendering import render_c
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.measured import plausible
 from flexhinf.loop.controller.memory import SPACING, step_program
@@ -287,24 +287,22 @@ class ControllerCode:
     @property
     def files(self) -> dict[str, str]:
         """Header and source by the names of their files."""
-        return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
+        return self._files(self.digest)
 
     @property
     def header(self) -> str:
         """The text of ``NAME.h``."""
-        return self._rendered("controller.h", self.header_values, self.digest)
+        return self.files[f"{self.name}.h"]
 
     @property
     def source(self) -> str:
         """The text of ``NAME.c``."""
-        return self._rendered("controller.c", self.source_values, self.digest)
+        return self.files[f"{self.name}.c"]
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of header and source but for itself, which determine every input that the code computes."""
-        header = self._rendered("controller.h", self.header_values, Markup("@DIGEST@"))
-        source = self._rendered("controller.c", self.source_values, Markup("@DIGEST@"))
-        return hashlib.sha256((header + source).encode()).hexdigest()
+        return hashlib.sha256("".join(self._files(Markup("@DIGEST@")).values()).encode()).hexdigest()
 
     @property
     def missing(self) -> int:
@@ -323,8 +321,8 @@ class ControllerCode:
             "longest_unseen": MISSING_LIMIT,
         }
 
-    def _rendered(self, template: str, values: Mapping[str, object], digest: str) -> str:
-        return render_c(template, self.name, self.real, digest=digest, **self.values, **values)
+    def _files(self, digest: str) -> dict[str, str]:
+        return rendered(SOURCES, self, self.name, self.real, digest=digest, **self.values)
 
     @property
     def facts(self) -> dict[str, str]:
@@ -475,6 +473,13 @@ class ControllerCode:
                 other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
                 return all(map(np.array_equal, other[1:], estimator.initial[1:]))
         return False
+
+
+#: Header and source of a controller.
+SOURCES: tuple[File[ControllerCode], ...] = (
+    File("@{name}.h", "controller.h", lambda code: code.header_values),
+    File("@{name}.c", "controller.c", lambda code: code.source_values),
+)
 
 
 def code_of(

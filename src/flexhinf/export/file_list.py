@@ -12,8 +12,9 @@ from flexhinf.export.rendering import render_c, render_text
 
 NOTHING: Mapping[str, object] = MappingProxyType({})
 
-#: What an export is made of.
-Exported = TypeVar("Exported")
+#: What an export is made of; a row for less is one for more, too.
+Exported = TypeVar("Exported", contravariant=True)
+Whole = TypeVar("Whole")
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,16 @@ class File(Generic[Exported]):
     values: Callable[[Exported], Mapping[str, object]] = lambda export: NOTHING
     condition: Callable[[Exported], bool] = lambda export: True
     copies: tuple[str, ...] = ()
+
+    def within(self, part: Callable[[Whole], Exported], copies: tuple[str, ...] = ()) -> File[Whole]:
+        """The same file in an export that has this one's as a part. `copies`: Folders of it with the same text."""
+        return File[Whole](
+            self.path,
+            self.template,
+            lambda whole: self.values(part(whole)),
+            lambda whole: self.condition(part(whole)),
+            copies,
+        )
 
 
 def rendered(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import casadi
 import numpy as np
@@ -11,6 +11,7 @@ from markupsafe import Markup
 from flexhinf.codegen.c import Translator, constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.file_list import File
 from flexhinf.export.rendering import arithmetic
 from flexhinf.plant.joints import joint_places
 from flexhinf.robot.drive_limits import largest_drive_torques
@@ -39,6 +40,13 @@ def follower_of(code: ControllerCode) -> Follower | None:
         return Follower(robot, c.period, count * c.period, c.mode.latency + 1)
     except InvalidInput:  # a joint without a spring's inverse
         return None
+
+
+#: Header and source of ``NAME_follow``, of what `follow_values` says.
+FILES: tuple[File[Mapping[str, object]], ...] = (
+    File("@{name}_follow.h", "follow.h", lambda values: values, bool),
+    File("@{name}_follow.c", "follow.c", lambda values: values, bool),
+)
 
 
 def follow_values(code: ControllerCode) -> dict[str, object]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,19 +15,20 @@ from markupsafe import Markup
 
 from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.export import controller_c, follow
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.follow import follow_values
 from flexhinf.export.follow_vector import follow_test_values
 from flexhinf.export.names import PARTS
 from flexhinf.export.provocation import provoked
-from flexhinf.export.recording import Recording, record, with_both_roundings
+from flexhinf.export.recording import record, with_both_roundings
 from flexhinf.export.refusals import check_limits
 from flexhinf.export.rehearsal import contract_values, reaches_far
 from flexhinf.export.rendering import of_file
 from flexhinf.export.ros2 import package_name, ros2_values
 from flexhinf.export.safety import safety_values
-from flexhinf.export.self_test import EVERY, Accuracy, accuracy, vector_values
+from flexhinf.export.self_test import EVERY, VECTOR, Tested, accuracy
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
@@ -39,16 +40,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Export:
-    """A controller with what its files are made of.
+class Export(Tested):
+    """A controller with what its files are made of. `design`: Files of the design, which go with it."""
 
-    `runs`: Recordings of the test vector, one for each rounding; `allowed`: what it allows.
-    `design`: Files of the design, which go with it.
-    """
-
-    code: ControllerCode
-    runs: Sequence[Recording]
-    allowed: Accuracy
     design: Mapping[str, str]
 
     @cached_property
@@ -77,24 +71,18 @@ def _ros2(export: Export) -> Mapping[str, object]:
     return export.ros2
 
 
-def _follow(export: Export) -> Mapping[str, object]:
-    return export.follow
-
-
 def _follows(export: Export) -> bool:
     return bool(export.follow)
 
 
 #: Where the package for ROS 2 and the library for Arduino have the sources too.
-SOURCES = ("ros2/src", "arduino/src")
+COPIES = ("ros2/src", "arduino/src")
 
 #: All files of an exported controller.
 FILES: tuple[File[Export], ...] = (
-    File("@{name}.h", "controller.h", lambda export: export.code.header_values, copies=SOURCES),
-    File("@{name}.c", "controller.c", lambda export: export.code.source_values, copies=SOURCES),
-    File("@{name}_follow.h", "follow.h", _follow, _follows, SOURCES),
-    File("@{name}_follow.c", "follow.c", _follow, _follows, SOURCES),
-    File("@{name}_test.c", "test.c", lambda export: vector_values(export.code, export.runs, export.allowed)),
+    *(file.within(lambda export: export.code, COPIES) for file in controller_c.SOURCES),
+    *(file.within(lambda export: export.follow, COPIES) for file in follow.FILES),
+    VECTOR,
     File("@{name}_contract.c", "contract.c", lambda export: contract_values(export.code, export.runs[-1])),
     File("@{name}_follow_test.c", "follow_test.c", lambda export: follow_test_values(export.code), _follows),
     File("README.md", "README.md", lambda export: _readme(export)),

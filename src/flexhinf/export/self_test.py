@@ -19,8 +19,8 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.file_list import File, rendered
 from flexhinf.export.recording import MISSING, Recording, history_of, memory_hash
-from flexhinf.export.rendering import render_c
 from flexhinf.loop import Status
 
 #: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where
@@ -103,7 +103,8 @@ def _measured_errors(
     """Largest errors of inputs and estimates in each part of the test vector, built for this machine, infinite where a
     result is not finite; and how many codes and bits are others."""
     any_error = (math.inf,) * len(run.parts)
-    texts = {**code.files, "test.c": vector(code, (run,), Accuracy(any_error, any_error, ""))}
+    tested = Tested(code, (run,), Accuracy(any_error, any_error, ""))
+    texts = {**code.files, **rendered([VECTOR], tested, code.name, code.real, **code.values)}
     try:
         with TemporaryDirectory() as work:
             built = build(texts, Path(work), ("-O1", *flags))
@@ -118,9 +119,19 @@ def _measured_errors(
     return inputs, estimates, int((re.findall(r"wrong codes (\d+)", output) or ["1"])[0])
 
 
-def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> str:
-    """The test vector as C, of one run for both roundings or one for each; stored inputs are exact, as in Python."""
-    return render_c("test.c", code.name, code.real, **code.values, **vector_values(code, runs, allowed))
+@dataclass(frozen=True)
+class Tested:
+    """A controller with a recorded run for both roundings, or one for each, and what a test vector allows."""
+
+    code: ControllerCode
+    runs: Sequence[Recording]
+    allowed: Accuracy
+
+
+#: The test vector as C; stored inputs are exact, as in Python.
+VECTOR: File[Tested] = File(
+    "@{name}_test.c", "test.c", lambda it: vector_values(it.code, it.runs, it.allowed)
+)
 
 
 def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> dict[str, object]:

@@ -22,7 +22,7 @@ from flexhinf import __version__
 from flexhinf.arrays import Element, Elements
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.export.controller_c import ControllerCode, code_of
-from flexhinf.export.rendering import c_values, render
+from flexhinf.export.file_list import File, rendered
 from flexhinf.export.web.rival import MotorGains, stiff_gains, tuned_gains, vibration_period
 from flexhinf.loop import Controller, Waypoints
 from flexhinf.loop.controller.friction import SHARPNESS
@@ -248,11 +248,11 @@ class LiveArm:
     @cached_property
     def sources(self) -> dict[str, str]:
         """All files of C, by name."""
-        return {**self.code.files, "simulation.c": self.simulation}
+        return {**self.code.files, **rendered([SIMULATION], self, NAME, DOUBLE)}
 
     @property
-    def simulation(self) -> str:
-        """The C of the plants and of what the page calls."""
+    def simulation(self) -> dict[str, object]:
+        """What the C of the plants, and of what the page calls, needs."""
         plant, c, n = self.plant, self.controller, len(self.robot.joint_names)
         translator = Translator("plant", DOUBLE)
         flow, output, pack, standstill, inverse, frames = (
@@ -268,9 +268,7 @@ class LiveArm:
         )
         motions = [f"parts[{k}]" for k in range(5)]
         gains, limits = self.rival, c.limits
-        return render(
-            "web/simulation.c",
-            **c_values(NAME, DOUBLE),
+        return dict[str, object](
             functions=Markup(translator),
             n=plant.n,
             m=len(plant.inputs),
@@ -575,6 +573,10 @@ class LiveArm:
             "magnified": magnification(np.array(windup), robot.links.slides, reach),
             "input_name": f"Motor {robot.drive}",
         }  # fmt: skip
+
+
+#: The C that a page compiles beside that of the controller.
+SIMULATION: File[LiveArm] = File("simulation.c", "web/simulation.c", lambda arm: arm.simulation)
 
 
 def _quantity(name: str, joints: Sequence[str]) -> tuple[str, str]:
