@@ -254,17 +254,14 @@ class ControllerCode:
         return f"{self.name.upper()}_{what}"
 
     def unit_text(self, name: str) -> str:
-        """A signal's unit, and of a motor's where it is meant, with the gear ratio if the robot states one."""
+        """A signal's unit in ASCII, and of a motor's where it is meant, with the gear ratio if the robot states one."""
         unit = self.units.get(name, "")
         for signal, motor in AT_MOTOR.items():
             if name == signal or name.startswith(f"{signal}_"):
                 ratio = self.robot_numbers.get("gear_ratio" + name.removeprefix(signal))
-                place = (
-                    "at the joint, after the gear"
-                    if ratio is None
-                    else f"at the joint ({motor} {ratio:.10g})"
-                )
-                return comment(f"{unit} {place}".lstrip())
+                gear = ", after the gear" if ratio is None else f" ({motor} {ratio:.10g})"
+                unit = f"{unit} at the joint{gear}".lstrip()
+                break
         return comment(unit)
 
     @property
@@ -334,7 +331,7 @@ class ControllerCode:
         """What ``NAME.h`` says beside."""
         signals: list[list[tuple[str, int, str]]] = []
         for kind, names in self.signals.items():
-            texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
+            texts = [f"{name}, {self.unit_text(name)}".rstrip(", ") for name in names]
             if kind == "X" and self.belief is not None:
                 texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.codegen import Part
-from flexhinf.codegen.c import comment
 from flexhinf.export.names import (
     MEMORY,
     ROWS,
@@ -86,12 +85,12 @@ class Places:
         if mean is None:
             return []
         named = zip(constants(self._at("x"), states), states)
-        return [(name, mean + k, f"mean of {comment(state)}") for k, (name, state) in enumerate(named)]
+        return [(name, mean + k, f"mean of {state}") for k, (name, state) in enumerate(named)]
 
     def _memory(self) -> list[Row]:
         rows: list[Row] = []
         for name, place in self.controller.memory.places.items():
-            rows.append((self._at(name), place.start, comment(MEMORY[name])))
+            rows.append((self._at(name), place.start, MEMORY[name]))
             rows += self.belief() if name == "belief" else []
             rows += [(self._at(row), begin, text) for row, begin, _, text in _rows(name, place)]
         if self.rejected is not None:
@@ -140,7 +139,7 @@ class Places:
             (
                 f"{text}_OF_MODEL" if text in taken else text,
                 first + k,
-                (comment(unit) or "no unit stated") + "; the model leaves it out" * (k in unread),
+                (unit or "no unit stated") + "; the model leaves it out" * (k in unread),
             )
             for text, (_, k, unit) in zip(texts, named, strict=True)
         ]
