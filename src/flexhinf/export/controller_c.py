@@ -217,7 +217,7 @@ class ControllerCode:
         """All functions of the step."""
         translator = Translator(
             self.name,
-            self.real,
+            Real(self.real.name, "real"),
             self.lanes,
             OWN,
             self.places.elements(),
@@ -364,7 +364,7 @@ class ControllerCode:
             "holding": holding,
             "standstill": standstill,
             "plausible": plausible,
-            "functions": Markup(str(self.translator).replace(f"{self.real.name} ", "real ")),
+            "functions": Markup(self.translator),
         }
 
     @property
@@ -459,7 +459,7 @@ class ControllerCode:
             parts["holding_slow"] = self._holding("r", "slower")
         added = [name for name in self.translator.functions if name not in before]
         text = "\n\n".join(self.translator.functions.pop(name) for name in added)
-        return parts | {"functions": Markup(text.replace(f"{self.real.name} ", "real "))}
+        return parts | {"functions": Markup(text)}
 
     @cached_property
     def starts_anywhere(self) -> bool:

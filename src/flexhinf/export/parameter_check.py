@@ -133,8 +133,13 @@ def corners(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 def range_rows(rows: list[Range], real: Real) -> Markup:
     """The ranges as constants of C."""
-    anything = ", ".join(constant(end, real) for end in (-np.inf, np.inf))
-    lines: list[str] = []
-    for place, below, *ends in rows:
-        lines.append(f"    {{{place}, {below}, {', '.join(constant(float(end), real) for end in ends)}}}")
-    return Markup(",\n".join(lines).replace(anything, "ANY"))
+
+    def ends(low: float, high: float) -> str:
+        anything = low == -np.inf and high == np.inf
+        return "ANY" if anything else f"{constant(float(low), real)}, {constant(float(high), real)}"
+
+    lines = (
+        f"    {{{row.place}, {row.below}, {ends(row.least, row.most)}, {ends(row.low, row.high)}}}"
+        for row in rows
+    )
+    return Markup(",\n".join(lines))

@@ -14,10 +14,12 @@ from flexhinf.scalars.symbol import PIVOT_TOLERANCE
 
 class Real:
     """``double`` or ``float``: the end of constants and of the names of ``<math.h>``, bytes, NumPy's type, and the
-    distance from 1 to the next number. Nothing is computed in double in a float build."""
+    distance from 1 to the next number. Nothing is computed in double in a float build. `written`: What its file calls
+    it."""
 
-    def __init__(self, name: Literal["double", "float"]) -> None:
-        self.name = name
+    def __init__(self, name: Literal["double", "float"], written: str = "") -> None:
+        self.name: Literal["double", "float"] = name
+        self.written = written or name
         self.suffix, self.bytes = ("", 8) if name == "double" else ("f", 4)
         self.kind: type[np.floating] = np.float64 if name == "double" else np.float32
         self.epsilon = float(np.finfo(self.kind).eps)

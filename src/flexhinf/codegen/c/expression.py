@@ -158,7 +158,7 @@ class Expressions:
             text, name = self.number(value).bare, self._labels.get(value, "")
             if not name or name in self.numbers.values():
                 name = self._fresh("v")
-            lines.append(f"const {self.real.name} {name} = {text};")
+            lines.append(f"const {self.real.written} {name} = {text};")
             self.numbers[value] = name
         return lines
 

@@ -154,11 +154,11 @@ class FunctionText:
         declared, begin, written = list[str](), list[str](), (*self.results, *self._arrays, ROWS)
         for word in arguments:
             changed = word in written and (whole or _changes(lines, word))
-            kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
+            kind = f"{'' if changed else 'const '}{self.real.written} *{mark}"
             rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
             of_rows = self.lanes > 1 and any(map(rows.search, lines))
             if of_rows:
-                pointer = f"{'' if changed else 'const '}{self.real.name} *"
+                pointer = f"{'' if changed else 'const '}{self.real.written} *"
                 begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")
             declared.append("int count" if word == "count" else f"{kind}{word}{'_of_rows' * of_rows}")
         return f"static {apart}void {name}({', '.join(declared)})", begin
@@ -179,7 +179,7 @@ class FunctionText:
 
     def _named_parts(self, lines: list[str]) -> list[str]:
         """Lines after those that name the parts of arguments that they use."""
-        kind = f"const {self.real.name} *const"
+        kind = f"const {self.real.written} *const"
         return [
             *(f"{kind} {part} = {place};" for part, place in self.parts.items() if _uses(lines, part)),
             *lines,
@@ -363,7 +363,7 @@ class FunctionText:
             return lines
         places, text = self._kept, self._expressions
         text.begin(places)
-        declared = [f"{self.real.name} {name}[{size}];" for name, size in self._arrays.items()]
+        declared = [f"{self.real.written} {name}[{size}];" for name, size in self._arrays.items()]
         return [*declared, *lines, *self._stored(places)]
 
     # Several columns ----------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ def function_text(template: str, name: str, real: Real, **values: object) -> str
     number = partial(constant, real=real)
     known: Mapping[str, object] = {
         "name": name,
-        "R": real.name,
+        "R": real.written,
         "f": real.suffix,
         "zero": number(0.0),
         "one": number(1.0),

@@ -129,13 +129,13 @@ class Translator:
         self._numbers = {buffer.name: buffer.size for buffer in program.buffers}
         steps = list(self._body(program.body, []))
         arguments = {
-            buffer.name: f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
+            buffer.name: f"{'const ' if buffer.role == 'in' else ''}{self.real.written} *{buffer.name}"
             for buffer in program.buffers
         }
-        arguments |= {ROOM: f"{self.real.name} *RESTRICT {ROOM}"} if self.room else {}
+        arguments |= {ROOM: f"{self.real.written} *RESTRICT {ROOM}"} if self.room else {}
 
         def pointers(lines: Sequence[str]) -> list[str]:
-            return [line for part in parts for line in part.declared(lines, self.real.name)]
+            return [line for part in parts for line in part.declared(lines, self.real.written)]
 
         statements = Statements(full, arguments, pointers, self.functions)
         self.functions |= statements.texts(steps, str(self._codes.get(0, 0)))
@@ -267,7 +267,7 @@ class Translator:
         """The declaration of so many numbers of the room, until what took them gives them back."""
         place, self._taken = self._taken, self._taken + size
         self.room = max(self.room, self._taken)
-        return f"{self.real.name} *const {name} = {algebra.ahead(ROOM, place)};"
+        return f"{self.real.written} *const {name} = {algebra.ahead(ROOM, place)};"
 
     def _rows_of(self, name: str) -> list[str]:
         """The argument of a function for what it keeps, behind what is taken of the room; none without."""
@@ -383,7 +383,7 @@ class Translator:
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
             lines += self._moves(step.outputs, loops, lanes, number, False)
-            lines = [memory, *parts.declared(lines, self.real.name), *lines]
+            lines = [memory, *parts.declared(lines, self.real.written), *lines]
             self._in_place = {}
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"

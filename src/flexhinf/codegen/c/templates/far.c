@@ -1,11 +1,11 @@
 /* How many quarter turns are in a large angle, and the rest, by Payne and Hanek (1983) */
-static NOINLINE uint32_t @{name}(float size, float *rest)
+static NOINLINE uint32_t @{name}(@{R} size, @{R} *rest)
 {
     static const uint32_t two_over_pi[8] = {
         0u, 0xa2f9836eu, 0x4e441529u, 0xfc2757d1u, 0xf534ddc0u, 0xdb629599u, 0x3c439041u, 0xfe5163abu
     };
     int exponent = 0;
-    const float whole = frexpf(size, &exponent) * 16777216.0f;
+    const @{R} whole = frexpf(size, &exponent) * 16777216.0f;
     const uint32_t first = (uint32_t)exponent + 6u;
     const uint32_t shift = 32u - (first % 32u);
     uint64_t bits[3];
@@ -24,10 +24,10 @@ static NOINLINE uint32_t @{name}(float size, float *rest)
     quarter = (uint32_t)(turns >> 62u);
     turns &= 0x3fffffffffffffffu;
     if (turns < 0x2000000000000000u) {
-        *rest = (float)turns * 3.40612158e-19f;
+        *rest = (@{R})turns * 3.40612158e-19f;
     } else {
         turns = 0x4000000000000000u - turns;
-        *rest = (float)turns * -3.40612158e-19f;
+        *rest = (@{R})turns * -3.40612158e-19f;
         quarter += 1u;
     }
     return quarter;

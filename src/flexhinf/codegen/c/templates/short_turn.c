@@ -1,5 +1,5 @@
-/* sin or cos in float */
-static float @{name}(float x)
+/* sin or cos in @{R} */
+static @{R} @{name}(@{R} x)
 {
 {% if of_cosine %}
     return @{turned}(fabsf(x), 1u);

@@ -1,5 +1,5 @@
 {% import "turning.c" as turning with context %}
-/* name(x): sin or cos; of the type double */
+/* name(x): sin or cos; of the type @{R} */
 static @{R} @{name}(@{R} x)
 {
 #ifdef FUSED

@@ -1,12 +1,12 @@
 /* The sine of size + turned pi/2, for a size of at least 0 */
-static float @{name}(float size, uint32_t turned)
+static @{R} @{name}(@{R} size, uint32_t turned)
 {
     uint32_t quarter = turned;
-    float r, z;
+    @{R} r, z;
     if (size <= 1.0e4f) {
-        const float turns = FMA(size, 0.636619772f, 0.5f);
+        const @{R} turns = FMA(size, 0.636619772f, 0.5f);
         const uint32_t whole = (uint32_t)turns;
-        const float k = (float)whole;
+        const @{R} k = (@{R})whole;
         r = FMA(-k, 1.5703125f, size);
         r = FMA(-k, 4.83751297e-4f, r);
         r = FMA(-k, 7.54953362e-8f, r);
