@@ -78,7 +78,7 @@ extern const @{name}_param @{name}_defaults;
 /* What @{name}_check returns; of several faults the gravest. */
 enum {
     @{NAME}_PARAM_OK = 0,
-    /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model{% if code.robot is not none %} outside the tolerances of the robot file{% endif +%}, or another
+    /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model@{prose.tolerated()}, or another
      * number that is not the design's */
     @{NAME}_PARAM_BEYOND_DESIGN = 1,
     /* a stiffness or a motor inertia that is not positive; a mass, friction or variance below zero; a lower limit that
@@ -158,7 +158,8 @@ typedef struct {
 
 /* Pointers lead to objects of the caller. None is checked: only those may be null of which it is said.
  *
- * Forget everything: {% if code.predicts %}the estimate begins at the state that is stated with the constants @{NAME}_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs may be as large as their limits. Call @{name}_start where it is elsewhere{% else %}the state is what is measured{% endif %}. Until there is a good measurement the output is the input before the first sample: @{c.first_input.text}.
+ * Forget everything: @{prose.beginning()}.
+ * Until there is a good measurement the output is the input before the first sample: @{c.first_input.text}.
  *
  * Returns @{NAME}_OK; or @{NAME}_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
  * makes other numbers of what is written: then every step returns that too, and holds the output of the start.
@@ -166,9 +167,9 @@ typedef struct {
  * Cortex-M), these must be the same. */
 int @{name}_init(@{name}_state *state);
 
-/* As @{name}_init: {% if code.starts_anywhere %}about another state{% else %}the estimate begins where that of @{name}_init does{% endif %}, and from another input; estimate and input may be null pointers. One with a number that is
+/* As @{name}_init: @{prose.other_beginning()}, and from another input; estimate and input may be null pointers. One with a number that is
  * not finite is refused with @{NAME}_BAD_START, and every step then returns @{NAME}_NOT_INITIALISED. The first output then
- * continues from that input as far as the design says (rate limit, bumpless start). Without an input it is {% if code.starts_anywhere %}@{c.first_input.text}{% else %}that of @{name}_init{% endif %}. */
+ * continues from that input as far as the design says (rate limit, bumpless start). Without an input it is @{prose.first_input()}. */
 int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name}_real *estimate,
                  const @{name}_real *input);
 

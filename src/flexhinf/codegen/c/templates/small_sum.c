@@ -2,8 +2,13 @@
    index, as on and left of the diagonal. #}
 {% set w, r = ("w" if weighted else "l"), ("l" if symmetric else "r") %}
 {% macro ahead(place, number) %}@{place}{% if number %} + @{number}{% endif %}{% endmacro %}
+{% macro given() %}
+{% if not symmetric %}const @{R} *right, {% endif -%}
+{% if weighted %}const @{R} *weights, {% endif -%}
+{% if added %}const @{R} *plus, {% endif -%}
+{% endmacro %}
 /* sum_k w_k l_k^T r_k + plus of a few rows and columns, with a variable for each sum */
-static void @{name}(const @{R} *left, {% if not symmetric %}const @{R} *right, {% endif %}{% if weighted %}const @{R} *weights, {% endif %}{% if added %}const @{R} *plus, {% endif %}@{R} *target, int count)
+static void @{name}(const @{R} *left, @{given()}@{R} *target, int count)
 {
 {% for i, j in places %}
     @{R} sum@{i}@{j} = @{zero};

@@ -25,8 +25,12 @@ for (int e = 0; e < @{width}; ++e) {
 {% endfor %}
 }
 {% endmacro %}
+{% macro given() %}
+{% if weighted %}const @{R} *weights, {% endif -%}
+{% if added %}const @{R} *plus, {% endif -%}
+{% endmacro %}
 /* sum_k w_k l_k^T r_k + plus of (count, rows) and (count, columns) */
-static NOINLINE void @{name}(const @{R} *left, const @{R} *right, {% if weighted %}const @{R} *weights, {% endif %}{% if added %}const @{R} *plus, {% endif %}@{R} *target, int count, int rows, int columns)
+static NOINLINE void @{name}(const @{R} *left, const @{R} *right, @{given()}@{R} *target, int count, int rows, int columns)
 {
     for (int block = 0; block < columns; block += @{WIDE}) {
         const int j = @{last("block", "columns", wide)};
