@@ -1,15 +1,18 @@
 """An export in a file of its own, as CONTRIBUTING.md prints it: no other file names it."""
 
-import json
+from pathlib import Path
 
+from flexhinf.codegen.c import Real
 from flexhinf.design.exports import ExportKind, register
+from flexhinf.export.file_list import File, rendered
 
 
 def write(exported, path):
     """What a fieldbus needs to know: the sampling period and the names of all signals, as JSON."""
-    own = exported.controller
-    signals = {"measured": list(own.measured), "inputs": list(own.law.input_names)}
-    path.write_text(json.dumps({"period_s": own.period, **signals}), encoding="utf-8")
+    template = Path(__file__).with_name("example_export.txt")
+    files = [File("signals.json", template, lambda controller: {"c": controller})]
+    (text,) = rendered(files, exported.controller, "signals", Real("double")).values()
+    path.write_text(text, encoding="utf-8")
     return path
 
 

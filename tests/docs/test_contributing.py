@@ -45,6 +45,8 @@ def test_an_example_is_a_file_that_is_tested(repository: Path, what: str) -> Non
     text = (repository / "tests" / f"example_{what}.py").read_text(encoding="utf-8")
     printed = [program for _, program in blocks(repository, f"Add an? {what}")]
     assert text.partition('"""\n\n')[2] in printed
+    template = repository / "tests" / f"example_{what}.txt"
+    assert not template.exists() or template.read_text(encoding="utf-8") in printed
 
 
 def test_a_robot_format_is_read_after_the_printed_lines(

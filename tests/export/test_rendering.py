@@ -18,6 +18,7 @@ import flexhinf as fh
 from flexhinf.codegen.c import Real
 from flexhinf.export import controller_files, rendering
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.file_list import File, rendered
 from flexhinf.export.package import FILES
 from flexhinf.export.rendering import arithmetic, c_values, environment, render, render_text
 
@@ -143,6 +144,25 @@ def test_printed_lines_stand_in_exported_headers(repository: Path, monkeypatch: 
     assert digest.sub("", before) == digest.sub("", header)
     fmi = render("fmi3.h", **c_values("arm", code.real))
     assert fmi.index(made) < fmi.index("#ifndef ARM_FMI3_H\n#define ARM_FMI3_H\n")
+
+
+def test_a_template_of_another_package_is_filled_as_those_here(tmp_path: Path) -> None:
+    """By the kind of file that its own name says: long lines of C are folded, and what has no filter is bare."""
+    (tmp_path / "own.h").write_text(
+        "/* @{text | comment} @{text} */\n" + "int f(" + "int a, " * 20 + "int b);\n"
+    )
+    (tmp_path / "own.xml").write_text("<a>@{text}</a>\n")
+    files = [
+        File[str](f"@{{name}}{end}", tmp_path / f"own{end}", lambda text: {"text": text})
+        for end in (".h", ".xml")
+    ]
+    texts = rendered(files, WILD, "arm", Real("double"))
+    assert ET.fromstring(texts["arm.xml"]).text == WILD
+    comment, *code = texts["arm.h"].splitlines()
+    assert comment.count("*/") == 1
+    assert "__script_ __name_" in comment
+    assert len(code) == 2
+    assert all(len(line) < 120 for line in code)
 
 
 @pytest.mark.parametrize("real", ["double", "float"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Generic, TypeVar
 
@@ -21,11 +22,12 @@ Whole = TypeVar("Whole")
 class File(Generic[Exported]):
     """A file of an export: its path, itself a template; its template; and what that needs beside what all have.
 
-    `condition`: Whether an export has it. `copies`: Folders that have the same text.
+    `template`: One of `export/templates` by its name, or any other file, as a `Path`. `condition`: Whether an export
+    has it. `copies`: Folders that have the same text.
     """
 
     path: str
-    template: str
+    template: str | Path
     values: Callable[[Exported], Mapping[str, object]] = lambda export: NOTHING
     condition: Callable[[Exported], bool] = lambda export: True
     copies: tuple[str, ...] = ()
@@ -49,6 +51,7 @@ def rendered(
     for file in files:
         if file.condition(export):
             path = render_text(file.path, name=name, **shared)
-            texts[path] = render_c(file.template, name, real, **{**shared, **file.values(export)})
+            template = str(file.template.absolute()) if isinstance(file.template, Path) else file.template
+            texts[path] = render_c(template, name, real, **{**shared, **file.values(export)})
             texts |= {f"{folder}/{path}": texts[path] for folder in file.copies}
     return texts

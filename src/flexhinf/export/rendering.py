@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial, wraps
 from importlib.resources import files
+from pathlib import Path
 from textwrap import wrap
 from typing import Final
 from xml.sax.saxutils import quoteattr
@@ -251,7 +252,9 @@ def environment() -> Environment:
     root = files("flexhinf.export")
 
     def source(name: str) -> str:
-        """Those of the live page stand beside its other files."""
+        """Those of the live page stand beside its other files, and those of other packages where their path says."""
+        if Path(name).is_absolute():
+            return Path(name).read_text(encoding="utf-8")
         folder = root if name.startswith("web/") else root / "templates"
         return (folder / name).read_text(encoding="utf-8")
 
