@@ -8,6 +8,8 @@
 
 Counted, not timed: instructions of the object code, those of a step by callgrind, the stack along the deepest calls,
 and what MISRA C:2012 finds that is not listed with a reason. Times are of the processor, in this process and in gcc.
+What stands under "before" in the file is not measured again: the text at its commit, before templates in jinja2 and one
+front end, and the first rows that were kept.
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ def main() -> int:
                 if wanted.only in (None, str(links)):
                     rows[links] = measured(links, wanted.keep or Path(work))
                     known = [rows[links] for links in firmware.DESIGNS if links in rows]
-                    kept = {"programs": known, "text": lengths()}
+                    kept |= {"programs": known, "text": lengths()}
                     KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     print(table(kept))
     return 0
@@ -147,18 +149,25 @@ def lengths() -> dict[str, int]:
 
 def table(kept: Mapping[str, Any]) -> str:
     """Both tables: of the programs, and of the text."""
+    before = kept.get("before", {"programs": {}, "text": {}})
     rows = [
-        "| controller | C: lines, functions | instructions | of a step | stack | MISRA "
+        "| controller | C: lines, functions | instructions | of a step (× before) | stack (before) | MISRA "
         "| seconds: writing, gcc, kernel |",
         "|---|---|---:|---:|---:|---:|---|",
     ]
     for row in kept["programs"]:
         times = ", ".join(f"{row[name]:.1f}" for name in ("writing", "gcc", "kernel"))
+        step, stack = f"{row['step']:,.0f}", f"{row['stack']:,}"
+        if old := before["programs"].get(str(row["links"])):
+            step, stack = f"{step} (× {row['step'] / old['step']:.2f})", f"{stack} ({old['stack']:,})"
         rows.append(
             f"| {firmware.named(row['links'])} | {row['lines']:,}, {row['functions']} | {row['instructions']:,} "
-            f"| {row['step']:,.0f} | {row['stack']:,} | {row['misra']} | {times} |"
+            f"| {step} | {stack} | {row['misra']} | {times} |"
         )
-    text = ["| text | number |", "|---|---:|", *(f"| {what} | {n:,} |" for what, n in kept["text"].items())]
+    text = ["| text | before | now |", "|---|---:|---:|"]
+    for what, number in kept["text"].items():
+        old = before["text"].get(what)
+        text.append(f"| {what} | {'' if old is None else f'{old:,}'} | {number:,} |")
     return "\n".join([*rows, "", *text])
 
 

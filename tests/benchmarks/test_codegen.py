@@ -11,10 +11,19 @@ from benchmarks import codegen, firmware
 from tests.builders import arm_controller
 
 
-def test_rows_that_are_kept_are_of_every_design_and_clean() -> None:
-    rows = json.loads(codegen.KEPT.read_text(encoding="utf-8"))["programs"]
+def test_rows_that_are_kept_are_of_every_design_and_clean_and_cost_no_more_than_before() -> None:
+    kept = json.loads(codegen.KEPT.read_text(encoding="utf-8"))
+    rows, before = kept["programs"], kept["before"]["programs"]
     assert [row["links"] for row in rows] == [*firmware.DESIGNS]
     assert [row["misra"] for row in rows] == [0] * len(rows)
+    for row in rows:
+        old = before[str(row["links"])]
+        assert row["step"] <= 1.02 * old["step"]
+        assert row["stack"] <= old["stack"]
+    assert set(kept["before"]["text"]) == set(kept["text"])
+    assert "(× 0.97) | 528 (800) |" in codegen.table(
+        {**kept, "programs": [{**rows[0], "step": 0.9714 * before["1"]["step"], "stack": 528}]}
+    )
 
 
 def test_a_statement_is_no_docstring() -> None:
