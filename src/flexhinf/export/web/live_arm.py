@@ -255,16 +255,9 @@ class LiveArm:
         """What the C of the plants, and of what the page calls, needs."""
         plant, c, n = self.plant, self.controller, len(self.robot.joint_names)
         translator = Translator("plant", DOUBLE)
+        own = self._pack, self._standstill, self._inverse, self._frames
         flow, output, pack, standstill, inverse, frames = (
-            (translator.function(function), function)
-            for function in (
-                plant.traced_flow,
-                plant.traced_output,
-                self._pack,
-                self._standstill,
-                self._inverse,
-                self._frames,
-            )
+            (translator.function(one), one) for one in (plant.traced_flow, plant.traced_output, *own)
         )
         motions = [f"parts[{k}]" for k in range(5)]
         gains, limits = self.rival, c.limits
