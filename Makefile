@@ -134,7 +134,7 @@ JOBS ?= 1
 bench-workspace: environment-dev
 	$(PY) -m benchmarks.workspace --jobs $(JOBS)
 
-# The table of docs/comparison.md over workspaces, some minutes a robot.
+# Rows that are missing in benchmarks/compared/rows: laws and campaigns over workspaces, at most half an hour a robot.
 bench-compared: environment-dev
 	$(PY) -m benchmarks.compared
 

@@ -493,7 +493,14 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
         for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals")
     },
-    "compared": ("docs/comparison.md", benchmark("benchmarks.compared", "--table")),
+    **{
+        name: ("docs/comparison_workspaces.md", benchmark("benchmarks.compared", "--table", table))
+        for name, table in (
+            ("compared", "laws"),
+            ("compared-campaigns", "campaigns"),
+            ("compared-scale", "scale"),
+        )
+    },
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),

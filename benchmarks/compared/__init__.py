@@ -1,1 +1,1 @@
-"""Laws compared over the workspaces of robots, by the product."""
+"""Laws compared, and campaigns of designs, over the workspaces of robots, by the product's own commands."""
