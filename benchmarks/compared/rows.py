@@ -138,8 +138,7 @@ def _campaign(name: str) -> dict[str, Any]:
     assert judged.success is not None
     interval = interval_text(judged.success)
     row: dict[str, Any] = {"samples": judged.count, "failures": judged.failures, "interval": interval}
-    missed = judged.violations.sum(axis=0).tolist()
-    row |= {"missed": {rule.metric: n for rule, n in zip(judged.requirements, missed) if n}}
+    row |= _failed(judged)
     worst = judged.worst(metric)
     row |= {
         "metric": metric,
@@ -154,8 +153,20 @@ def _campaign(name: str) -> dict[str, Any]:
     except Stopped as stopped:
         return {**vars(total + stopped.spent), **row, "search": str(stopped)}
     case = stored_worst(Journal.existing(folder), metric)
-    found = {"use": case.found.value, "status": case.found.status, "runs": case.runs, "cpu_s": search.cpu_s}
+    found = {"sample": case.sample, "use": case.found.value, "status": case.found.status, "runs": case.runs}
+    found |= {"cpu_s": search.cpu_s}
     return {**vars(total + search), **row, "search": {**found, "text": worst_text(judged, case)}}
+
+
+def _failed(judged: CampaignJudgement) -> dict[str, Any]:
+    """How many runs did not end as they should, by status; and how many of the others miss a requirement, by metric."""
+    status = judged.column("status").astype(str)
+    lost, counts = np.unique(status[status != "completed"], return_counts=True)
+    missed = judged.violations[status == "completed"].sum(axis=0).tolist()
+    return {
+        "lost": dict(zip(lost.tolist(), counts.tolist())),
+        "missed": {rule.metric: count for rule, count in zip(judged.requirements, missed) if count},
+    }
 
 
 def _batches(folder: Path) -> int:
@@ -203,17 +214,25 @@ def _scale(name: str) -> dict[str, Any]:
     worst = row["sample"]
     durations = [campaign.sample(k).options.get("duration", 0.0) for k in range(200)]
     fresh = robot.samples - WRITTEN * BATCH
+    try:
+        step = _single_step(robot, name)
+    except Stopped:
+        step = None
     return {
         **vars(few),
         "moves": fresh,
         "moves_cpu_s": row["continued"]["cpu_s"],
         "move_s": float(np.mean(durations)),
-        "memory_mb": {str(FEW): few.memory_mb, str(robot.samples): row["memory_mb"]},
+        "memory_mb": {
+            str(FEW): few.memory_mb,
+            str(robot.samples): max(row[part]["memory_mb"] for part in ("killed", "continued")),
+        },
+        "report_mb": ran(["campaign", "merge", str(long)], LIMIT).memory_mb,
         "same": _same_rows(folder, long),
         "replayed": {
             str(k): Replayed(campaign, journal, k).same for k in (0, FEW - 1, worst, robot.samples - 1)
         },
-        "step": _single_step(robot, name),
+        "step": step,
     }
 
 

@@ -65,8 +65,9 @@ def campaigns() -> str:
 
 
 def _success(row: Mapping[str, Any]) -> str:
-    missed = ", ".join(f"{_words(name)} {count}" for name, count in row["missed"].items())
-    told = f"; missed: {missed}" if missed else ""
+    parts = [f"{count} missed the {_words(name)}" for name, count in row["missed"].items()]
+    parts += [f"{count} count as {status}" for status, count in row["lost"].items()]
+    told = "".join(f"; {part}" for part in parts)
     return f"{row['samples'] - row['failures']:,} of {row['samples']:,}: {row['interval']}{told}"
 
 
@@ -85,11 +86,12 @@ def _sample(row: Mapping[str, Any]) -> str:
 def _found(search: str | Mapping[str, Any]) -> str:
     if isinstance(search, str):
         return search
+    if search["status"] != "completed":
+        return f"not sought: sample {search['sample']} is {search['status']}, and nothing is worse"
     text = search["text"].partition(", at ")[2].rstrip(".")
     if not text:
         return f"no worse one in {search['runs']:,} runs"
-    value = f"{search['use']:.3g}" if search["status"] == "completed" else search["status"]
-    return f"{value}, at {text}; {search['runs']:,} runs"
+    return f"{search['use']:.3g}, at {text}; {search['runs']:,} runs"
 
 
 def _cost(row: Mapping[str, Any], compared: Mapping[str, Any]) -> str:
@@ -107,19 +109,20 @@ def scale() -> str:
     if row is None:
         return "\n".join([*lines, _cells([MISSING, "", ""])])
     sides = [(row["moves"], row["moves_cpu_s"], row["move_s"])]
-    sides += [(row["step"]["samples"], row["step"]["cpu_s"], row["step"]["step_s"])]
+    if step := row["step"]:
+        sides += [(step["samples"], step["cpu_s"], step["step_s"])]
     memory = [f"{size:,.0f} MB with {int(count):,}" for count, size in row["memory_mb"].items()]
     replayed = ", ".join(row["replayed"])
     for what, texts in {
-        "samples, and processor seconds with the report": [f"{n:,} in {cpu:,.0f}" for n, cpu, _ in sides],
+        "samples, and processor seconds with the report": [f"{n:,} in {cpu:,.3g}" for n, cpu, _ in sides],
         "simulated time of a sample": [f"{seconds:.3g} s" for *_, seconds in sides],
         "samples in a processor second": [f"{n / cpu:.3g}" for n, cpu, _ in sides],
-        "control steps in a processor second": [f"{n * seconds / PERIOD / cpu:,.3g}" for n, cpu, seconds in sides],
-        "largest memory": [", ".join(memory), ""],
+        "control steps in a processor second": [f"{round(n * s / PERIOD / cpu, -3):,.0f}" for n, cpu, s in sides],
+        "largest memory": [", ".join(memory) + f", of which table and report alone {row['report_mb']:,.0f} MB", ""],
         "killed by SIGKILL and continued": [f"the first {FEW:,} rows {_same(row['same'])} those of a whole run", ""],
         "replayed alone": [f"samples {replayed} {_same(all(row['replayed'].values()))} their rows", ""],
     }.items():  # fmt: skip
-        lines.append(_cells([what, *texts]))
+        lines.append(_cells([what, *texts, *[MISSING] * (2 - len(texts))]))
     return "\n".join(lines)
 
 
