@@ -79,7 +79,7 @@ class Robot:
 ROBOTS = {
     "planar-two-link": Robot("planar-two-link", ("link_position",), samples=10_000, killed=True),
     "scara": Robot("scara"),
-    "spatial-three-link": Robot("spatial-three-link"),
+    "spatial-three-link": Robot("spatial-three-link", samples=300),
     "panda-like": Robot(str(files_of("arm")[0]), more="measurement_noise = 1e-10"),
     "vertical-rig": Robot("vertical-rig"),
 }
