@@ -2,8 +2,8 @@
 
 ::
 
-    NumPy ─► scalars.trace ─► compose ─► Program ─┬─► emit, by dataflow ──────────────────────────────► LLVM ─► machine code
-                                          └─► stages or straight ─► Program ─► c, by dataflow ─► C99
+    NumPy ─► scalars.trace ─► compose ─► Program ─┬─► emit, by dataflow ───────────────────────► LLVM ─► machine code
+                                                  └─► stages, straight ─► Program ─► c, by dataflow ─► C99
     loops over tables of places: the solver's, the checker's ─► loops ─────────────────► LLVM ─► machine code
 
 `program` has the steps, `compose` makes them of NumPy code. `dataflow` has the operations of one traced function in
