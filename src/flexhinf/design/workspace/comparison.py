@@ -276,12 +276,15 @@ class _Search:
 
     def stated(self, numbers: Numbers) -> tuple[WorkspaceSetup, Numbers]:
         """The setup with stated numbers, with the estimator that lacks least."""
-        best = min(self._at(numbers), key=self._lack)
+        setups = [*self._at(numbers)]
+        least, best = [math.inf], setups[0]
+        for setup in setups:
+            excess = self.poses.excess(setup, least)  # ends at the first pose at which it lacks more
+            if excess is not None:
+                least, best = excess.tolist(), setup
+            if not any(least):
+                break
         return replace(best, specification=self.specification), numbers
-
-    def _lack(self, setup: WorkspaceSetup) -> list[float]:
-        excess = self.poses.excess(setup)
-        return [math.inf] if excess is None else excess.tolist()
 
     def tuned(self) -> tuple[WorkspaceSetup, Numbers]:
         """The fastest that keeps all limits; where none does, that which lacks least."""
