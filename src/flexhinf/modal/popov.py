@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.linalg import block_diag, expm
+from scipy.linalg import expm
 
 from flexhinf.modal.pair import PairGains
 
@@ -230,7 +230,8 @@ class SampledPairs:
         w, q = b @ inverse, inverse @ ((shift @ b + d) @ shift - shift @ a - c)
         acting, memory = self.memory(link)
         if len(places) == 5:
-            acting = np.asarray(block_diag(acting, 1.0))
+            acting = np.pad(acting, (0, 1))
+            acting[-1, -1] = 1.0
             memory = np.hstack([memory, np.zeros((len(memory), 1))])
         states = acting.shape[1]
         whole = np.zeros((states, states))
@@ -244,21 +245,29 @@ class SampledPairs:
         """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia, and E (k, k) of the
         stiffness, mix."""
         count, roots = len(links), np.sqrt(links) * self.gains.period
-        model = np.asarray(block_diag(*map(self.model, links)))
+        model = _along_diagonal([*map(self.model, links)])
         acting, memory = zip(*map(self.memory, links))
         stiffness, felt = np.eye(count) + springs, errors * np.outer(roots, roots)
         added = (np.diag(roots**2) + felt) @ stiffness - np.diag(roots**2)
         model[1::5, 2::5] += added
         motor = self.gains.motor * self.gains.period**2
         model[3::5, 2::5] -= added + motor * (stiffness - np.eye(count))
-        moved = (expm(model) @ np.asarray(block_diag(*acting))).reshape(count, 5, -1)[:, :4]
-        kept = np.asarray(block_diag(*memory)).reshape(count, len(memory[0]), -1)
+        moved = (expm(model) @ _along_diagonal(acting)).reshape(count, 5, -1)[:, :4]
+        kept = _along_diagonal(memory).reshape(count, len(memory[0]), -1)
         loop = np.concatenate([moved, kept], axis=1).reshape(moved.shape[2], -1)
         return float(np.abs(np.linalg.eigvals(loop)).max())
 
     def decay(self, link: float) -> float:
         """The rate of the slowest mode of a pair without errors, 1/s; negative where it is unstable."""
         return -float(np.log(self.radius([link], np.zeros((1, 1))))) / self.gains.period
+
+
+def _along_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Blocks of one shape along the diagonal of a matrix, as the slower `scipy.linalg.block_diag`."""
+    places, (rows, columns) = range(len(blocks)), blocks[0].shape
+    whole = np.zeros((len(blocks), rows, len(blocks), columns))
+    whole[places, :, places] = blocks
+    return whole.reshape(len(blocks) * rows, -1)
 
 
 def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
