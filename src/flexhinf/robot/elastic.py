@@ -305,6 +305,27 @@ def required_of_drive(
     return required
 
 
+@lru_cache(maxsize=256)
+def _stated(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[tuple[str, ...], bool]:
+    """Of parameters with these names: the optional quantities that have columns, and whether gears have teeth."""
+
+    def of_some(quantity: str) -> bool:
+        return any(per_joint(quantity, joint, len(joints)) in names for joint in joints)
+
+    dry = any(name.startswith(("coulomb_friction", "static_friction", "load_friction")) for name in names)
+    toothed = [name for name in TEETH if of_some(name)]
+    curved = of_some(CURVE[0])
+    stated = [
+        quantity
+        for quantity in OPTIONAL
+        if of_some(quantity)
+        or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
+        or (quantity in CURVE and curved)
+        or (quantity.removesuffix("_phase") in toothed)
+    ]
+    return tuple(stated), bool(toothed)
+
+
 def reflected(
     values: Mapping[str, Number], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> dict[str, list[Number]]:
@@ -318,19 +339,7 @@ def reflected(
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
-    dry = any(name.startswith(("coulomb_friction", "static_friction", "load_friction")) for name in values)
-    toothed = [
-        name for name in TEETH if any(per_joint(name, joint, len(joints)) in values for joint in joints)
-    ]
-    curved = any(per_joint(CURVE[0], joint, len(joints)) in values for joint in joints)
-    stated = [
-        quantity
-        for quantity in OPTIONAL
-        if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
-        or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
-        or (quantity in CURVE and curved)
-        or (quantity.removesuffix("_phase") in toothed)
-    ]
+    stated, toothed = _stated(tuple(values), tuple(joints))
     packed: dict[str, list[Number]] = {
         quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
     }
