@@ -15,6 +15,10 @@ ARM = joint_text(
     motor="motor_inertia = 0.1\nfriction = 0.1",
 )  # fmt: skip
 
+#: The same with a tolerance and a limit of its motor.
+UNCERTAIN_ARM = "gravity = 0.0\n" + ARM.replace(
+    "stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}"
+).replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
 
 #: Options of a design of one pose that is made soon: without a region, other robots and the rigid design.
 QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0", "--set", "compare_rigid=no"]
@@ -38,9 +42,7 @@ def uncertain_arm(folder: Path) -> Callable[[str], str]:
     """``uncertain_arm(name)`` writes the arm's file with a tolerance and a limit of its motor; the name."""
 
     def write(name: str) -> str:
-        text = ARM.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}")
-        text = text.replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
-        (folder / name).write_text(f"gravity = 0.0\n{text}")
+        (folder / name).write_text(UNCERTAIN_ARM)
         return name
 
     return write

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import pytest
 from tests import workspaces
-from tests.cli.conftest import QUICK
+from tests.cli.conftest import QUICK, UNCERTAIN_ARM
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -24,16 +25,40 @@ from flexhinf.modal.popov import Errors, PopovTolerance, SampledPairs, Sector
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
+#: Few poses and goals, one bandwidth, and a narrow range of vibrations.
+FEW: dict[str, Any] = {
+    "POSES": 3, "GOALS": 1, "CHOSEN_POSES": 2, "MODAL_POSES": 20, "TUNING_POSES": (4, 1), "BANDWIDTHS": (28.0,),
+    "MARGIN": 1.1,
+}  # fmt: skip
+
+
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few poses and goals, and one bandwidth."""
-    workspaces.few(monkeypatch, POSES=3, GOALS=1, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(28.0,))
+    workspaces.few(monkeypatch, **FEW)
 
 
 @pytest.fixture
 def robot(uncertain_arm: Callable[[str], str]) -> str:
     """A robot's file, with tolerances and a limit of its motor."""
     return uncertain_arm("arm.toml")
+
+
+@pytest.fixture(scope="module")
+def designed(unoptimised: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a design of that robot without draws."""
+    place = tmp_path_factory.mktemp("designed")
+    (place / "arm.toml").write_text(UNCERTAIN_ARM)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        workspaces.few(patch, **FEW)
+        main(["design", "arm.toml", "--draws", "0", "--no-advice", "--out", "made"])
+    return place / "made"
+
+
+@pytest.fixture
+def made(designed: Path, robot: str, folder: Path) -> Path:
+    """A copy of it beside the robot's file."""
+    return Path(shutil.copytree(designed, folder / "made"))
 
 
 def stored(folder: Path) -> tuple[dict, dict]:
@@ -57,7 +82,7 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     assert written["design"] == {"robot": "../arm.toml", "workspace": "limits"}
     assert written["result"]["met"] == (code == 0)
     assert numbers["kind"] == "workspace"
-    assert main(["design", "flexhinf-design", "--out", "again"]) == code
+    assert main(["design", "flexhinf-design", "--no-advice", "--out", "again"]) == code
     again, same = stored(folder / "again")
     assert (again["design"]["workspace"], again["result"]) == ("limits", written["result"])
     assert same == numbers
@@ -69,7 +94,7 @@ def test_a_loop_that_is_unstable_is_not_met_and_written(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The ripple of an unstable pose has no number."""
-    assert main(["design", robot, "--unknown-delay", "60ms"]) == 1
+    assert main(["design", robot, "--unknown-delay", "60ms", "--no-advice"]) == 1
     assert unnamed(capsys.readouterr().out, "NOT MET", "diverges", "unstable poses") == []
     written, numbers = stored(folder / "flexhinf-design")
     ripple = next(line for line in numbers["requirements"] if "ripple" in line["what"])
@@ -84,7 +109,7 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
     (folder / "below" / "mine.toml").write_text(
         "[design]\nrobot = '../arm.toml'\nworkspace = 'way.csv'\ndraws = 0\n"
     )
-    assert main(["design", "below/mine.toml"]) in (0, 1)
+    assert main(["design", "below/mine.toml", "--no-advice"]) in (0, 1)
     written, numbers = stored(folder / "flexhinf-design")
     assert written["design"]["workspace"]["elbow"] == pytest.approx([-0.174533, 0.349066], rel=1e-5)
     assert all(-0.1746 <= row["pose"][0] <= 0.3491 for row in numbers["poses"])
@@ -93,16 +118,15 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
 
 @pytest.mark.ci("designs a workspace, and half of another one")
 def test_an_interrupted_design_leaves_what_was_there(
-    robot: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    robot: str, made: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["design", robot, "--draws", "0"])
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
     def stop(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(WorkspaceSetup, "move", stop)
-    assert main(["design", robot, "--seed", "1"]) == 130
+    assert main(["design", robot, "--seed", "1", "--out", "made"]) == 130
     assert unnamed(capsys.readouterr().err, "Interrupted") == []
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
@@ -134,13 +158,12 @@ def test_what_is_of_one_pose_is_refused(
 
 @pytest.mark.ci("designs a workspace and a pose")
 def test_other_commands_take_its_folder_or_say_why_not(
-    robot: str,
+    made: Path,
     folder: Path,
     refused: Callable[..., str],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    main(["design", robot, "--draws", "0", "--out", "made"])
     refused(["certify", "made", "--observer", "10"], "--observer", folder)
     (folder / "mine.toml").write_text("[pid]\nbandwidth = 12.0\n")
     capsys.readouterr()
@@ -177,7 +200,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
     proof["pairs"]["poles"] = "none"
     (folder / "forged.json").write_text(json.dumps(proof), encoding="utf-8")
     refused(["certify", "--check", "forged.json"], "flexhinf certify", folder)
-    saved = fh.load_design(folder / "made")
+    saved = fh.load_design(made)
     loaded, s = saved.robot, saved.specification
     refused(["campaign", "made", "--duration", "2s"], "--duration", folder)
     refused(["campaign", "made", "--tolerance", "coulomb_friction=10%"], "coulomb_friction", folder)
@@ -245,10 +268,9 @@ def test_a_law_is_chosen_that_is_proved_for_the_tolerances_of_the_file(
 
 @pytest.mark.ci("designs a workspace")
 def test_its_controller_goes_from_pose_to_pose_in_mujoco(
-    robot: str, folder: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
+    made: Path, folder: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
 ) -> None:
     pytest.importorskip("mujoco")
-    main(["design", robot, "--draws", "0", "--out", "made"])
     run = ["run", "made", "--mujoco", "--no-realtime"]
     capsys.readouterr()
     assert main([*run, "--start", "-0.5", "--pose", "0.4", "--verbose"]) == 0
