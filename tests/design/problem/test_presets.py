@@ -161,6 +161,8 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
 
 # Disturbances ---------------------------------------------------------------------------------------
 TORQUES = ("link_torque", "motor_torque")
+#: Goals at which several tests look at the same games.
+ROBUST = {"paper": (np.pi / 2,), "quanser-rotflex": (0.3,), "cart": None, "planar-two-link": None}
 
 
 @pytest.mark.ci("searches weights")
@@ -169,14 +171,14 @@ TORQUES = ("link_torque", "motor_torque")
     ("asked", "names"),
     [
         ({}, ["link_position_command"]),
-        ({"disturbances": ("link_torque", "motor_torque")}, ["link_torque", "motor_torque"]),
+        ({"disturbances": TORQUES}, [*TORQUES]),
         ({"disturbances": ("motor_torque",), "command": True}, ["link_position_command", "motor_torque"]),
     ],
 )
 def test_disturbances_are_those_asked_for(
     problem_of: Games, preset: str, asked: dict[str, Any], names: list[str]
 ) -> None:
-    game = problem_of("paper", goal=(0.5,), preset=preset, **asked)
+    game = problem_of("paper", goal=ROBUST["paper"], preset=preset, **asked)
     assert list(game.nominal.disturbance_names) == names
     assert list(game.problem.disturbance_names)[: len(names)] == names
     assert (len(game.problem.disturbance_names) > len(names)) is (preset == "robust")
@@ -197,7 +199,8 @@ def test_the_game_of_the_search_is_the_game_that_is_solved(
 ) -> None:
     """Two routes to γ* and the gain: the search's matrices, and the expansion of the nonlinear problem."""
     for preset in ("damped", "robust"):
-        game = problem_of(name, preset=preset, disturbances=disturbances)
+        asked = {} if disturbances is None else {"disturbances": disturbances}
+        game = problem_of(name, goal=ROBUST[name], preset=preset, **asked)
         assert game.search is not None
         searched = game.search.chosen
         assert searched.gamma_star == pytest.approx(game.gamma_star, rel=3e-3)
@@ -208,7 +211,6 @@ def test_the_game_of_the_search_is_the_game_that_is_solved(
 
 # Robust ---------------------------------------------------------------------------------------------
 TWO_LINKS = pytest.param("planar-two-link", marks=pytest.mark.nightly("channels of two links"))
-ROBUST = {"paper": (np.pi / 2,), "quanser-rotflex": (0.3,), "cart": None, "planar-two-link": None}
 
 
 @pytest.mark.ci("searches weights")
