@@ -324,6 +324,19 @@ def test_each_law_has_a_row_and_the_report_says_which_is_best(
     assert unnamed(" ".join(end.split()), "Criterion:", "best rival") == []
 
 
+@pytest.mark.ci("tries ten estimators at two poses")
+def test_stated_numbers_get_the_estimator_that_lacks_least(
+    own: WorkspaceSetup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of all that are tried, each looked at whole."""
+    monkeypatch.setattr(comparison, "TUNING_POSES", (2, 1))
+    search = comparison._Search(own, law_kind("pid"), same_sensors=True)
+    numbers = {"bandwidth": (12.0,)}
+    lacking = {each.random: search.poses.excess(each).tolist() for each in search._at(numbers)}
+    found, _ = search.stated(numbers)
+    assert lacking[found.random] == min(lacking.values()) < max(lacking.values())
+
+
 @pytest.mark.parametrize(
     ("own", "rival", "parts"),
     [
