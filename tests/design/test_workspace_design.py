@@ -31,10 +31,23 @@ from flexhinf.robot.workspace import workspace_of
 Named = Callable[[str], Any]
 
 
+#: Few poses and goals, and one bandwidth.
+FEW: dict[str, Any] = {
+    "POSES": 4, "GOALS": 2, "CHOSEN_POSES": 2, "MODAL_POSES": 30, "BANDWIDTHS": (28.0,),
+}  # fmt: skip
+
+
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few poses and goals, and one bandwidth."""
-    workspaces.few(monkeypatch, POSES=4, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=30, BANDWIDTHS=(28.0,))
+    workspaces.few(monkeypatch, **FEW)
+
+
+@pytest.fixture(scope="module")
+def by_default(robot_of: Named) -> fh.Design:
+    """A design of two links, of which nothing is stated, made by two processes."""
+    with pytest.MonkeyPatch.context() as patch, limited_threads(2):
+        workspaces.few(patch, **FEW)
+        return fh.design(robot_of("planar-two-link"))
 
 
 # One of two kinds ----------------------------------------------------------------------------------------
@@ -66,8 +79,8 @@ def test_without_such_a_field_a_design_is_for_the_workspace(fields: dict[str, An
 
 
 @pytest.mark.ci("designs for a workspace")
-def test_by_default_it_is_for_the_joint_ranges(robot_of: Named) -> None:
-    design, told = fh.design(robot_of("planar-two-link")), list[str]()
+def test_by_default_it_is_for_the_joint_ranges(robot_of: Named, by_default: fh.Design) -> None:
+    design, told = by_default, list[str]()
     evidence = design.evidence
     assert isinstance(evidence, WorkspaceEvidence)
     assert design.specification.workspace == "limits"
@@ -137,11 +150,11 @@ def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -
 
 
 @pytest.mark.ci("designs for a workspace twice")
-def test_any_number_of_processes_makes_the_same_design(robot_of: Named) -> None:
+def test_any_number_of_processes_makes_the_same_design(robot_of: Named, by_default: fh.Design) -> None:
     robot, found = robot_of("planar-two-link"), []
     for count in (1, 2):
         with limited_threads(count):
-            evidence = fh.design(robot).evidence
+            evidence = (by_default if count == 2 else fh.design(robot)).evidence
             assert isinstance(evidence, WorkspaceEvidence)
             poses = ChosenPoses(robot, evidence.specification, evidence.setup.workspace, 4)
             setup = replace(evidence.setup, specification=poses.wanted)
