@@ -45,7 +45,7 @@ ARMS = {
     "paper": Arm(
         "One link, lifted against gravity",
         "paper",
-        "--pose 90deg --start 0 --preset damped --degrees 2 --draws 0 --out arm",
+        "--pose 90deg --start 0 --preset damped --degrees 4 --draws 0 --saturation 48 --out arm",
         "arm",
     ),
 }
