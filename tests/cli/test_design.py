@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from tests import store
 from tests.cli.conftest import QUICK
 from tests.refusals import unnamed
 from tests.tiers import ci_and_night
@@ -48,7 +49,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
     again = "flexhinf design paper --pose 180deg --draws 0 --degrees 2,4 --set rays=40 --set compare_rigid=no"
     assert again in text_of(folder)
-    main(["design", "vertical-rig", *QUICK])
+    main(["design", "vertical-rig", "--preset", "paper", "--estimator", "none", *QUICK])
     assert "vertical-rig" in text_of(folder)
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design", "flexhinf-design-paper"]
     assert again in (folder / "flexhinf-design-paper" / "index.html").read_text(encoding="utf-8")
@@ -66,11 +67,11 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
         ],
     ),
 )
-def test_all_that_a_design_prints_is_one_screen(
-    words: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["design", *words.split()]) in (0, 1)
-    lines = capsys.readouterr().out.splitlines()
+def test_all_that_a_design_prints_is_one_screen(words: str, folder: Path) -> None:
+    """Of which tests/pages/test_screens.py looks at the page."""
+    done = store.command(["design", *words.split()], folder)
+    assert done.code in (0, 1)
+    lines = done.output.splitlines()
     assert len(lines) <= 25
     assert max(map(len, lines[:-2])) <= 80
     assert "report:" in lines[-2]
@@ -146,9 +147,23 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
 
 
 @pytest.mark.ci("a design")
-def test_the_observer_can_be_asked_for(folder: Path) -> None:
-    assert main(["design", "vertical-rig", "--estimator", "observer", "--process-noise", "1e-9", *QUICK]) == 0
-    assert tomllib.loads(text_of(folder, "design.toml"))["design"]["estimator"] == "observer"
+def test_the_observer_and_a_move_can_be_asked_for(folder: Path) -> None:
+    (folder / "way.csv").write_text("time,link [deg]\n0,0\n1,10\n2,20\n")
+    words = [
+        "--estimator",
+        "observer",
+        "--process-noise",
+        "1e-9",
+        "--move",
+        "way.csv",
+        "--tracking-error",
+        "2deg",
+    ]
+    assert main(["design", "vertical-rig", *words, *QUICK]) == 0
+    written = tomllib.loads(text_of(folder, "design.toml"))
+    assert written["design"]["estimator"] == "observer"
+    tracked = [line for line in written["result"]["specification"] if line["what"] == "tracking error"]
+    assert [line["by_default"] for line in tracked] == [False]
     assert "observer" in text_of(folder)
 
 
@@ -168,14 +183,15 @@ def test_what_cannot_be_met_is_refused_with_the_best_found(
 def test_an_interrupted_design_leaves_what_was_there(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["design", "vertical-rig", *QUICK])
+    words = ["design", "vertical-rig", "--preset", "paper", "--estimator", "none", *QUICK]
+    main(words)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(import_module("flexhinf.pages"), "design_text", stop)
-    assert main(["design", "vertical-rig", *QUICK, "--seed", "1"]) == 130
+    assert main([*words, "--pose", "10deg"]) == 130
     assert "Interrupted" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
