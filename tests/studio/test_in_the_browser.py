@@ -27,6 +27,9 @@ pytestmark = [
 #: Milliseconds after which a page is taken to hang, on however busy a machine.
 PATIENCE = 120_000
 
+#: A window in which nothing moves by itself.
+STILL = {"viewport": {"width": 1280, "height": 900}, "reduced_motion": "reduce"}
+
 #: Opens a tab on the paper's arm and waits for its first design.
 Open = Callable[..., Any]
 
@@ -120,11 +123,11 @@ def test_a_figure_without_numbers_says_so_and_makes_none_up(browser: Any, addres
 
 @contextmanager
 def tabs(browser: Any, address: str) -> Iterator[Open]:
-    """Tabs whose scripts must not fail."""
+    """Tabs whose scripts must not fail. Their arm stands until it is played: Chromium would draw it all the time."""
     contexts, troubles = [], []
 
     def open_tab(where: str = "", **options: Any) -> Any:
-        contexts.append(browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options}))
+        contexts.append(browser.new_context(**{**STILL, **options}))
         page = contexts[-1].new_page()
         page.set_default_timeout(PATIENCE)
         page.on("pageerror", lambda error: troubles.append(str(error)))
@@ -275,7 +278,7 @@ def test_runs_are_replayed(tab: Any) -> None:
 
 
 def test_the_arm_is_played_turned_and_magnified(opened: Open) -> None:
-    page = opened(reduced_motion="reduce")
+    page = opened()
     arm = page.locator(".studio-arm")
     assert arm.get_by_role("button").inner_text() == "Play"
     time = arm.get_by_label("Time of the replay")
@@ -442,9 +445,10 @@ def test_the_page_is_accessible(tab: Any, scheme: str) -> None:
 
 @pytest.mark.parametrize("robot", ["paper", "planar-two-link"])
 def test_it_fits_a_window(opened: Open, tmp_path: Path, robot: str) -> None:
-    """And a robot of two joints shows each of them."""
+    """And a robot of two joints shows each of them; its arm moves."""
     with studio(tmp_path, robot) as where:
-        page = opened(where)
+        page = opened(where, reduced_motion="no-preference")
+        assert page.locator(".studio-arm").get_by_role("button").inner_text() == "Pause"  # it moves by itself
         if robot != "paper":
             before = looks(page)["Step"]
             part(page, "joint-1").click()
