@@ -109,8 +109,11 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
     (folder / "below" / "mine.toml").write_text(
         "[design]\nrobot = '../arm.toml'\nworkspace = 'way.csv'\ndraws = 0\n"
     )
-    assert main(["design", "below/mine.toml", "--no-advice"]) in (0, 1)
+    assert main(["design", "below/mine.toml", "--no-advice", "--payload", "0..0.05kg"]) in (0, 1)
     written, numbers = stored(folder / "flexhinf-design")
+    assert written["design"]["payload"] == "0..0.05kg"
+    page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
+    assert "payload mass" in page
     assert written["design"]["workspace"]["elbow"] == pytest.approx([-0.174533, 0.349066], rel=1e-5)
     assert all(-0.1746 <= row["pose"][0] <= 0.3491 for row in numbers["poses"])
     assert numbers["sampled_moves"] == []

@@ -40,6 +40,7 @@ LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
 PROGRAMS = {"clang": "clang", "lld": "wasm-ld"}
 #: Blocks of `make nightly`, each alone in a folder with the files of its page, and what does the same with less.
 NIGHTLY = {
+    "README.md-2": "designs two links; below it runs with a smaller search",
     "docs/campaigns.md-2": "moves of a workspace; tests/cli/test_workspace.py makes fewer",
     "docs/campaigns.md-5": "searches a disturbance; so does tests/cli/test_campaign.py",
     "docs/campaigns.md-8": "designs two laws; tests/cli/test_campaign_compare.py compares smaller ones",
@@ -48,12 +49,14 @@ NIGHTLY = {
     "docs/comparison.md-3": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
     "docs/design.md-2": "a stated behaviour; tests/cli/test_design.py asks for one",
     "docs/design.md-3": "a design of one pose, as docs/deployment.md-1",
-    "docs/hardware.md-2": "designs seven joints; docs/design.md-6 has two and a payload",
+    "docs/design.md-6": "carries a payload with two links; tests/cli/test_workspace.py with one",
+    "docs/hardware.md-2": "designs seven joints; docs/design.md-1 has two, tests/cli/test_workspace.py a payload",
     "docs/identify.md-4": "designs twice; tests/identification/test_circle.py does it in Python",
-    "docs/moves.md-6": "goals in space; docs/moves.md-4 has others, tests/design/test_cartesian.py these",
-    "docs/moves.md-7": "one more command; docs/moves.md-4 has another, tests/design/test_plans.py shapes steps",
+    "docs/moves.md-4": "judged by a move, of two links; tests/cli/test_design.py has one link",
+    "docs/moves.md-6": "goals in space; tests/cli/test_design.py has others, tests/design/test_cartesian.py these",
+    "docs/moves.md-7": "one more command; tests/cli/test_design.py has one, tests/design/test_plans.py shapes steps",
     "docs/moves.md-8": "two designs; below it runs with a smaller search",
-    "docs/package.md-2": "two designs, one as in README.md-2, one as in docs/robots.md-7",
+    "docs/package.md-2": "two designs; README.md-2 has one in Python, docs/robots.md-7 the other",
     "docs/robots.md-4": "a design of a file of one's own, as docs/start/index.md-4",
     "docs/robots.md-5": "as the program of that page, docs/robots.md-7",
     "docs/robots.md-6": "extras, as in tests/design/test_limit_cycle.py",
@@ -382,9 +385,13 @@ def test_every_command_of_a_page_runs_as_it_is_printed(
 
 @pytest.mark.ci("designs with few poses, goals and bandwidths")
 @pytest.mark.usefixtures("unoptimised")
-def test_the_program_of_moves_runs_with_a_smaller_search(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["README.md-2", "docs/moves.md-8"])
+def test_a_program_runs_with_a_smaller_search(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """As it is printed; what it designs is looked for among less."""
-    (block,) = (block for block in BLOCKS if block.name == "docs/moves.md-8")
+    monkeypatch.chdir(tmp_path)
+    (block,) = (block for block in BLOCKS if block.name == name)
     workspaces.few(monkeypatch, POSES=3, GOALS=1, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(28.0,))
     exec(compile(block.text, block.name, "exec"), {"__name__": "__main__"})
 
