@@ -21,7 +21,7 @@ from flexhinf.campaign import (
     Journal,
     MergedTable,
     Replayed,
-    Requirement,
+    MetricLimit,
     merged,
     stored_worst,
 )
@@ -176,7 +176,7 @@ def _batches(folder: Path) -> int:
 def _judged(folder: Path) -> CampaignJudgement:
     table = _table(folder)
     texts = table.journal.about.get("requirements", [])
-    return CampaignJudgement(table, tuple(Requirement.of(text, table.journal.metrics) for text in texts))
+    return CampaignJudgement(table, tuple(MetricLimit.of(text, table.journal.metrics) for text in texts))
 
 
 def _table(folder: Path) -> MergedTable:
@@ -187,7 +187,7 @@ def _table(folder: Path) -> MergedTable:
 def nearest(judged: CampaignJudgement) -> tuple[str, float]:
     """The requirement whose worst sample is nearest to its limit, or farthest beyond it; and that sample's metric."""
 
-    def use(rule: Requirement) -> float:
+    def use(rule: MetricLimit) -> float:
         values = judged.column(rule.metric)
         return float(np.nanmax(values)) / rule.limit if np.isfinite(values).any() else 0.0
 

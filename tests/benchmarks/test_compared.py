@@ -12,7 +12,7 @@ from benchmarks.compared import tables
 from benchmarks.compared.commands import Spent, Stopped, killed, ran
 from benchmarks.compared.rows import nearest
 
-from flexhinf.campaign import CampaignJudgement, Requirement
+from flexhinf.campaign import CampaignJudgement, MetricLimit
 
 
 def test_a_command_says_what_it_cost_or_where_it_was_stopped(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_the_requirement_nearest_to_its_limit_is_searched(
         "range_use": np.array([0.0, 0.0, range_use]), "none_use": np.full(3, np.nan),
     }  # fmt: skip
     limits = {"a_use": 1.0, "b_use": 1.0, "range_use": 1e-9, "none_use": 1.0}
-    rules = [Requirement(name, limit) for name, limit in limits.items()]
+    rules = [MetricLimit(name, limit) for name, limit in limits.items()]
     judged = SimpleNamespace(requirements=rules, column=columns.__getitem__)
     name, use = nearest(cast("CampaignJudgement", judged))
     assert (name, pytest.approx(use)) == expected

@@ -65,6 +65,19 @@ def test_what_is_unstable_by_its_definition(name, scale):
     assert is_unstable(run) == (name in ENDLESS)
 
 
+@pytest.mark.parametrize(("step", "unstable"), [(0.06, True), (0.04, False), (0.0, False)])
+def test_ripple_of_a_joint_that_hardly_moves_is_not_instability(step, unstable):
+    """It swings by 0.01 beside a joint that makes a step of 1: the band of a step of 5 % of that is 0.002."""
+    positions = np.column_stack([QUIET["rests"], step * QUIET["rests"] + 0.005 * wave(0.07)])
+    joints = ("shoulder", "elbow")
+    signals = {
+        "state": positions, "reference": np.broadcast_to([1.0, positions[0, 1] + step], (len(T), 2)),
+        "disturbance": np.zeros((len(T), 1)),
+    }  # fmt: skip
+    names = {"state": joints, "reference": joints, "disturbance": ("push",)}
+    assert is_unstable(Trajectory(T, signals, names, names, {}, joints)) == unstable
+
+
 def test_nothing_is_said_where_the_motion_is_asked_for():
     swings, sine = ENDLESS["swings"], np.sin(20.0 * T)
     assert not is_unstable(trajectory(swings, reference=1.0 + 0.01 * sine))

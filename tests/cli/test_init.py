@@ -70,7 +70,7 @@ def test_a_part_of_an_mjcf_is_told_what_it_is_and_the_advice_makes_it_whole(
     assert main(["check", "part.xml"]) == 2
     assert main(["init", "part.xml"]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert unnamed(said, "part of an MJCF", "<mujocoinclude>", "<mujoco>") == []
+    assert unnamed(said, "part of", "<mujocoinclude>", "<mujoco>") == []
     advice = said.split("try: ")[-1]
     file, command = advice.split("one that says ")[1].split("; of either, ")
     Path("this.xml").write_text(file, encoding="utf-8")

@@ -40,7 +40,6 @@ LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
 PROGRAMS = {"clang": "clang", "lld": "wasm-ld"}
 #: Blocks of `make nightly`, each alone in a folder with the files of its page, and what does the same with less.
 NIGHTLY = {
-    "README.md-2": "designs two links; below it runs with a smaller search",
     "docs/campaigns.md-2": "moves of a workspace; tests/cli/test_workspace.py makes fewer",
     "docs/campaigns.md-5": "searches a disturbance; so does tests/cli/test_campaign.py",
     "docs/campaigns.md-8": "designs two laws; tests/cli/test_campaign_compare.py compares smaller ones",
@@ -385,13 +384,12 @@ def test_every_command_of_a_page_runs_as_it_is_printed(
 
 @pytest.mark.ci("designs with few poses, goals and bandwidths")
 @pytest.mark.usefixtures("unoptimised")
-@pytest.mark.parametrize("name", ["README.md-2", "docs/moves.md-8"])
-def test_a_program_runs_with_a_smaller_search(
-    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_the_program_of_moves_runs_with_a_smaller_search(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """As it is printed; what it designs is looked for among less."""
     monkeypatch.chdir(tmp_path)
-    (block,) = (block for block in BLOCKS if block.name == name)
+    (block,) = (block for block in BLOCKS if block.name == "docs/moves.md-8")
     workspaces.few(monkeypatch, POSES=3, GOALS=1, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(28.0,))
     exec(compile(block.text, block.name, "exec"), {"__name__": "__main__"})
 

@@ -507,7 +507,7 @@ def test_of_bodies_and_places_that_stand_twice_the_first_is_read(place, first, u
     with pytest.warns(RobotFileWarning) as told:
         read = read_urdf(root, moving)
     tag = first[1:].split()[0].split(">")[0]
-    assert unnamed(str(told[0].message), f"<{tag}>", "2 times", "the file without the others") == []
+    assert unnamed(str(told[0].message), f"<{tag}>", "2 times", "without") == []
     assert (read.links, read.joints) != (plain.links, plain.joints)
     for left, same in ((1, read), (0, plain)):  # the file without the other one; without the first
         alone = copy.deepcopy(root)

@@ -11,8 +11,8 @@ smallest value) in the last third
 - and goes over the same values in both (it oscillates without end), or is further from the command than in the second
   third: all of the time, or by more than the step.
 
-A state that makes no step has the band of the largest step. A run without a step, or whose command or disturbance
-changes in its last tenth, is not judged.
+A state whose step is less than 5 % of the largest one, or none, has the band of the largest. A run without a step, or
+whose command or disturbance changes in its last tenth, is not judged.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
-from flexhinf.loop.simulation.metrics import TAIL, Command, Place, band_of
+from flexhinf.loop.simulation.metrics import MIN_TRAVEL, TAIL, Command, Place, band_of
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import one_of, value_text
 
@@ -119,7 +119,9 @@ def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):  # windows without samples are infinite
         swing, last_swing = high - low, last_high - last_low
         size = np.abs(heights)
-        band = band_of(np.where(size > 0.0, size, size.max(axis=0, initial=0.0)))
+        largest = size.max(axis=0, initial=0.0)
+        size = np.where(size > MIN_TRAVEL * largest, size, largest)
+        band = band_of(size)
         wide = (last_swing > 2.0 * band) & (band > 0.0) & (last_swing >= UNDAMPED * swing)
         shared = np.minimum(high, last_high) - np.maximum(low, last_low)
         nearest = np.where(last_low * last_high <= 0.0, 0.0, np.minimum(np.abs(last_low), np.abs(last_high)))
