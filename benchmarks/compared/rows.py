@@ -20,8 +20,8 @@ from flexhinf.campaign import (
     CampaignJudgement,
     Journal,
     MergedTable,
-    Replayed,
     MetricLimit,
+    Replayed,
     merged,
     stored_worst,
 )
