@@ -35,13 +35,12 @@ from .results import (
     PairedCampaigns as PairedCampaigns,
     PairedMetric as PairedMetric,
     Replayed as Replayed,
-    Sensitivity as Sensitivity,
     compare as compare,
     merged as merged,
-    sensitivity as sensitivity,
     success_interval as success_interval,
 )
 from .samples import Sample as Sample
+from .surrogates import Sensitivity as Sensitivity, sensitivity as sensitivity
 from .worst_case import (
     EvaluatedPlant as EvaluatedPlant,
     WorstCase as WorstCase,

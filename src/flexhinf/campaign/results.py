@@ -13,39 +13,26 @@ sign test, and the fraction of pairs in which either is better. Success and fail
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.arrays import Matrix, Vector
 from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
 from flexhinf.campaign.journal import READERS, Journal
 from flexhinf.campaign.manifest import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, MetricLimit
 from flexhinf.campaign.parquet import numpy_column, read_columns
+from flexhinf.campaign.surrogates import MOST_ROWS, Sensitivity, sensitivity
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.processors import in_threads
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import xarray as xr
-
-#: Smallest number of samples per coefficient of a surrogate; its largest numbers of coefficients and of samples.
-SAMPLES_A_TERM, MOST_TERMS, MOST_ROWS = 10, 600, 20_000
-
-#: Number of parts for cross-validation of the surrogate: each part in turn is left out of the fit.
-FOLDS = 5
-
-#: Base samples of the Sobol indices of a surrogate.
-BASE = 1024
-
-#: Polynomials for the fit; the one with the most terms that the samples allow is used.
-SURROGATES = "a linear polynomial", "a quadratic polynomial without products", "a quadratic polynomial"
 
 
 @dataclass(frozen=True)
@@ -85,98 +72,6 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
     low = betaincinv(successes, failures + 1, half) if successes else 0.0
     high = betaincinv(successes + 1, failures, 1.0 - half) if failures else 1.0
     return Interval(successes, count, float(low), float(high), confidence)
-
-
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
-    """Sobol indices of a polynomial that was fitted to the samples; they describe the polynomial, not the loop."""
-
-    names: tuple[str, ...]  # Numbers that differ from sample to sample, the most important one first
-    # first, total: (p,). Fraction of the polynomial's variance that a number causes alone, and with all others
-    first: np.ndarray
-    total: np.ndarray
-    # Fraction of the metric's variance that the polynomial explains in samples left out of the fit; the remainder is of
-    # higher order, or noise
-    r_squared: float
-    terms: str  # What the polynomial has
-    count: int  # Samples it was fitted to
-
-
-def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
-    """Sobol indices of a metric with respect to the varied numbers, from a polynomial fitted to the samples.
-
-    `numbers`: (N, p), The varied numbers of the samples.
-    `values`: (N,), The metric; samples where it is not finite are left out.
-    Returns: none where nothing differs, or there are too few samples for a straight line in each number.
-    """
-    kept = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
-    varied = [k for k in range(numbers.shape[1]) if len(kept) and np.ptp(numbers[kept, k]) > 0.0]
-    x, y = numbers[kept][:, varied], values[kept]
-    count = len(varied)
-    most = min(len(kept) // SAMPLES_A_TERM, MOST_TERMS) - 1 - count  # terms beside the linear ones
-    if most < 0 or not count or np.ptp(y) <= 1e-12 * np.abs(y).max():
-        return None
-    kind = int(most >= count) + int(most >= count + count * (count - 1) // 2)
-    z = (x - x.mean(axis=0)) / x.std(axis=0)
-
-    def fit(some: np.ndarray | slice) -> np.ndarray:
-        return np.linalg.lstsq(_terms(z[some], kind), y[some], rcond=None)[0]
-
-    fold, errors = np.arange(len(y)) % FOLDS, np.empty(len(y))
-    for k in range(FOLDS):  # every fifth sample in turn is left out of the fit
-        out = fold == k
-        errors[out] = y[out] - _terms(z[out], kind) @ fit(~out)
-    r_squared = float(1.0 - np.mean(errors**2) / np.var(y))
-    coefficients = fit(slice(None))
-
-    def fitted(points: Matrix) -> Vector:
-        return _terms(points, kind) @ coefficients
-
-    first, total = _indices(fitted, z)
-    order = np.argsort(-total, kind="stable")
-    return Sensitivity(
-        tuple(names[varied[int(k)]] for k in order),
-        first[order],
-        total[order],
-        r_squared,
-        SURROGATES[kind],
-        len(kept),
-    )
-
-
-def _terms(z: np.ndarray, kind: int) -> np.ndarray:
-    """Terms (N, terms) of one of `SURROGATES` at standardised numbers (N, p)."""
-    parts = [np.ones((len(z), 1)), z, *([z**2] if kind > 0 else [])]
-    if kind > 1:
-        first, second = np.triu_indices(z.shape[1], 1)
-        parts.append(z[:, first] * z[:, second])
-    return np.hstack(parts)
-
-
-def _indices(function: Callable[[Matrix], Vector], z: Matrix) -> tuple[Vector, Vector]:
-    """First and total Sobol indices (p,) of a function of points (N, p), its arguments distributed as the samples."""
-    from scipy.stats import sobol_indices
-
-    if z.shape[1] == 1:
-        return np.ones(1), np.ones(1)
-    ordered, count = np.sort(z, axis=0), len(z)
-
-    def quantiles(k: int, u: np.ndarray) -> np.ndarray:
-        return ordered[np.minimum((np.asarray(u) * count).astype(int), count - 1), k]
-
-    def values(points: Matrix) -> Matrix:
-        return function(points.T)[None, :]
-
-    indices = sobol_indices(
-        func=values,
-        n=BASE,
-        rng=0,
-        dists=[SimpleNamespace(ppf=partial(quantiles, k)) for k in range(z.shape[1])],
-    )
-    first, total = (
-        np.clip(np.ravel(order), 0.0, 1.0) for order in (indices.first_order, indices.total_order)
-    )
-    return first, np.where(np.isfinite(total), total, math.nan)
 
 
 #: Largest number of columns of a file in memory, enough for one figure or table.
