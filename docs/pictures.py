@@ -87,17 +87,11 @@ def moving(film: dict[str, Any]) -> str:
 
 
 def alone(svg: str) -> str:
-    """A drawing of a page as a file of its own: colours, sizes and white ground are its own."""
-    from flexhinf.report.figure import LIGHT
+    """A drawing of a page as a file of its own, on white."""
+    from flexhinf.report.figure import standalone
 
-    svg = re.sub(r"var\(--([\w-]+)\)", lambda role: LIGHT.get(role[1], role[0]), svg)
-    svg = re.sub(r"calc\(([\d.]+px)\*var\(--text\)\)", r"\1", svg)
-    head = svg[: svg.index(">") + 1]
-    opened = head.replace(
-        "<svg", '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"', 1
-    )
-    opened = re.sub(r' aria-labelledby="[^"]*"', "", opened)
-    return f'{opened}<rect width="100%" height="100%" fill="white"/>{svg[len(head) :]}\n'
+    opened, rest = standalone(svg).split(">", 1)
+    return f'{opened}><rect width="100%" height="100%" fill="white"/>{rest}\n'
 
 
 # Pictures that no page has ---------------------------------------------------------------------------------

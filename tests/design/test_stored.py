@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import shutil
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,10 @@ QUICK: dict[str, dict[str, Any]] = {
     },
     "workspace": {"workspace": ((0.0, 0.5),), "draws": 1},
 }  # fmt: skip
+
+
+#: A picture in a notebook: its drawing, and its caption.
+PICTURE = re.compile(r'base64,([^"]*)"><figcaption>(.*?)</figcaption>')
 
 
 @pytest.fixture(scope="module", params=QUICK)
@@ -71,6 +76,13 @@ def test_a_saved_design_has_all_names_and_every_bit(saved: tuple[Design, Path], 
     ).read_bytes()
     assert isinstance(copy.evidence, StoredReport)
     assert "copy" in repr(copy)
+    shown = [PICTURE.findall(design._repr_html_().replace("\xa0", " ")) for design in (made, read)]
+    assert [caption for _, caption in shown[1]] == [caption for _, caption in shown[0]] != []
+    for (drawing, _), (again, _) in zip(*shown, strict=True):
+        lines = [
+            re.findall(r'<path [^>]*\bd="([^"]*)"', b64decode(text).decode()) for text in (drawing, again)
+        ]
+        assert lines[0] == lines[1]
 
 
 @pytest.mark.nightly("a comparison and a proof of designs that other tests share")

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+import re
 from base64 import b64encode
+from contextlib import suppress
 from functools import singledispatch
-from html import escape
+from html import escape, unescape
 
 import numpy as np
 
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.result import Design
+from flexhinf.design.stored import StoredReport
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
+from flexhinf.errors import InvalidInput
 from flexhinf.numerals import number
 from flexhinf.pages.design.overview import lead
 from flexhinf.pages.design.step import arm_plane
 from flexhinf.pages.drawing import figure_block
 from flexhinf.pages.workspace import workspace_lead
 from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, panels
+from flexhinf.report.figure import standalone
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
 
@@ -102,6 +107,29 @@ def _(result: Design) -> list[Figure]:
         return lead(evidence)
     if isinstance(evidence, WorkspaceEvidence):
         return workspace_lead(evidence)
+    return stored_lead(evidence) if isinstance(evidence, StoredReport) else []
+
+
+#: The drawings that the page of a design begins with, each with its label and its caption.
+_LEAD = re.compile(
+    r'<figure id="figure-(result(?:-arm)?)"[^>]*><div class="drawing">(<svg.*?</svg>)</div>'
+    r"<figcaption[^>]*>(?:<strong>(.*?)\.</strong>)?(.*?)</figcaption>",
+    re.DOTALL,
+)
+
+
+def stored_lead(report: StoredReport) -> list[Figure]:
+    """What the page in the folder of a design begins with; nothing where it was changed or has gone."""
+    with suppress(InvalidInput):
+        page = report.files.get("index.html", "")
+        return [
+            Figure(
+                name,
+                standalone(svg),
+                *(unescape(re.sub(r"<[^>]*>", "", text)).strip() for text in (said, called)),
+            )
+            for name, svg, called, said in _LEAD.findall(page if isinstance(page, str) else page.decode())
+        ]
     return []
 
 

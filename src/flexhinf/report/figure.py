@@ -333,6 +333,14 @@ def figure_to_svg(figure: Figure) -> str:
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
 
 
+def standalone(svg: str) -> str:
+    """A drawing as it stands in a page, as a document of its own: colours and sizes of texts are its own, and light."""
+    svg = re.sub(r"var\(--([\w-]+)\)", lambda role: LIGHT.get(role[1], role[0]), svg)
+    svg = re.sub(r"calc\(([\d.]+px)\*var\(--text\)\)", r"\1", svg)
+    names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    return re.sub(r' aria-labelledby="[^"]*"', "", svg.replace("<svg", f"<svg {names}", 1), count=1)
+
+
 #: Where the foot of a text that reads upwards is, points from the left edge: of one line, of one among several.
 _UPRIGHT = re.compile(r"rotate\(-90 ([-\d.]+) |translate\(([-\d.]+) [-\d.]+\) rotate\(-90")
 
