@@ -297,7 +297,11 @@ def _urdf_fault(robot: Robot, content: bytes) -> str:
     for element in root.iter():
         if element.tag not in ("link", "joint", "inertial"):
             continue
-        read = [child for child in element if child.tag in READ - {"link", "joint", "visual", "collision"}]
+        several = {"link", "joint", "visual", "collision"} | {
+            "inertial",
+            "origin",
+        }  # of the last two the first is read
+        read = [child for child in element if child.tag in READ - several]
         texts = {" ".join(ElementTree.tostring(child, encoding="unicode").split()) for child in read}
         if len({child.tag for child in read}) < len(texts):  # the same text twice says nothing else
             return f"an element stands twice in <{element.tag}>"

@@ -481,8 +481,10 @@ class Table(Anchored):
             names = k == there[0] and not indent and self._longest[k] <= NAME
             whole = wide or names or (right and self._longest[k] <= VALUE)
             if whole and crowded and not wide:  # else a terminal cuts the cells of all columns
-                longest = max(map(len, heading.split()), default=1)
-                heading = textwrap.fill(heading, max(self._longest[k], longest))
+                whole_unit = heading.replace(", ", ",\N{NO-BREAK SPACE}")
+                longest = max(map(len, whole_unit.split(" ")), default=1)
+                heading = textwrap.fill(whole_unit, max(self._longest[k], longest))
+                heading = heading.replace("\N{NO-BREAK SPACE}", " ")
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
         for line in lines:
             if isinstance(line, str):
