@@ -297,10 +297,8 @@ def _urdf_fault(robot: Robot, content: bytes) -> str:
     for element in root.iter():
         if element.tag not in ("link", "joint", "inertial"):
             continue
-        several = {"link", "joint", "visual", "collision"} | {
-            "inertial",
-            "origin",
-        }  # of the last two the first is read
+        # Of inertials and origins the first one is read.
+        several = {"link", "joint", "visual", "collision", "inertial", "origin"}
         read = [child for child in element if child.tag in READ - several]
         texts = {" ".join(ElementTree.tostring(child, encoding="unicode").split()) for child in read}
         if len({child.tag for child in read}) < len(texts):  # the same text twice says nothing else

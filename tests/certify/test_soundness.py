@@ -260,6 +260,7 @@ def test_opposite_faces_stand_for_each_other_only_where_what_differs_is_allowed_
     assert (difference >= 0.9 * odd * (3 * cells.outer) ** 3 - 1e-16).all()
 
 
+@pytest.mark.ci("encloses cells twice")
 def test_threads_change_nothing() -> None:
     _, statement = arm_statement(np.pi, 2)
     outcomes = [prove(replace(statement, level=1e4), threads=threads)[1] for threads in (1, 3)]

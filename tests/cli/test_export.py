@@ -357,6 +357,7 @@ def test_a_stored_law_is_called_what_it_was(controller: Path, tmp_path: Path) ->
     assert "| law | HJISolution |" in (tmp_path / "c" / "README.md").read_text()
 
 
+@pytest.mark.ci("designs and exports")
 def test_the_gear_ratios_of_the_robot_are_stated(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -371,6 +372,7 @@ def test_the_gear_ratios_of_the_robot_are_stated(
         assert text in (tmp_path / str(k) / "README.md").read_text()
 
 
+@pytest.mark.ci("exports once more")
 def test_it_says_that_only_constants_were_counted(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from tests import workspaces
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.campaign import Campaign, run_batch
+from flexhinf.campaign import Campaign, Journal, drive, in_cluster, run_batch
 from flexhinf.design import DesignRequest
 from flexhinf.design.deployed_run import DesignedLaw
 from flexhinf.design.workspace.campaign import FollowedPlan, WorkspaceCampaign
@@ -97,6 +98,22 @@ def test_encoders_are_off_and_inputs_late() -> None:
         beside = run.tracked("link_position") + off[k] - run.signal("reference", "link_position")
         assert np.abs(beside[:50]).max() < 2e-4
         assert run.signal("disturbance", "link_torque")[-1] == rows["link_torque"][k] != 0.0
+
+
+@pytest.mark.ci("starts a cluster")
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_makes_the_same_moves(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="missing: distributed")
+    one = campaign(samples=6, batch=2)
+    with distributed.LocalCluster(
+        1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:  # its worker is a thread, which has the few goals of these tests
+        journal = Journal.opened(tmp_path / "far", one)
+        far = drive(one, journal, executor=in_cluster(cluster.scheduler_address))
+    assert far is not None
+    near = [run_batch(one, batch) for batch in range(3)]
+    for name in ("tracking_error", "mass", "goal", "remaining_error"):
+        np.testing.assert_array_equal(far.columns[name], np.concatenate([rows[name] for rows in near]))
 
 
 def test_robots_carry_a_payload_that_the_model_does_not_know() -> None:

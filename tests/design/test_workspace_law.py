@@ -298,6 +298,7 @@ def test_torques_that_are_tried_are_small_parts_of_the_limits():
     assert len({*search.RANDOM}) == len(search.RANDOM)
 
 
+@pytest.mark.ci("searches a law once more")
 def test_stated_noise_is_kept(monkeypatch):
     few(monkeypatch, BANDWIDTHS=(14.0,), CHOSEN_POSES=2, TRIED_MOVES=1)
     made = setup("planar-two-link", torque_noise=1e-7)
@@ -364,6 +365,7 @@ def test_requirements_of_moves_are_those_of_the_worst():
     assert remains < 1e-3
 
 
+@pytest.mark.ci("moves of a workspace once more")
 def test_the_tracking_error_of_moves_is_judged_at_each_instant():
     """By the run's signals: five times the remaining error that is allowed, or as stated per joint."""
     made = setup()

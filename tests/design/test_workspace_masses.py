@@ -63,7 +63,7 @@ def test_masses_in_per_cent_hold_at_poses_that_nobody_looked_at(setup):
     assert high > 0.9 * stated.errors.masses.upper
 
 
-@pytest.mark.costs("the law of a robot, and many corners")
+@pytest.mark.ci("the law of a robot, and many corners")
 def test_no_corner_of_the_tolerances_is_worse_than_what_is_stated():
     """Of 300 random corners at poses that were looked at; some come near both ends."""
     robot = fh.load_robot("planar-two-link")
@@ -76,7 +76,7 @@ def test_no_corner_of_the_tolerances_is_worse_than_what_is_stated():
     assert 0.95 * upper < high <= upper + 1e-9
 
 
-@pytest.mark.costs("two robots at many poses")
+@pytest.mark.ci("two robots at many poses")
 def test_the_largest_payload_is_that_which_reaches_the_end_of_the_sector(setup):
     """By eigenvalues of the robot that carries it, which a proportion of its masses takes as far."""
     sector = Sector(0.4, 0.5)

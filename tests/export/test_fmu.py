@@ -79,7 +79,7 @@ def test_the_controller_answers_as_in_python(
     one.end()
 
 
-@pytest.mark.costs("opens an FMU of its own")
+@pytest.mark.ci("opens an FMU of its own")
 def test_it_says_where_the_robot_must_be_and_begins_where_it_is_told(
     files: dict[str, Path], tmp_path: Path
 ) -> None:

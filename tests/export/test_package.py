@@ -198,6 +198,7 @@ def test_a_controller_that_float_does_not_hold_is_refused(
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.ci("exports once more")
 def test_a_compiler_for_another_machine_measures_nothing(
     estimating: fh.Controller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

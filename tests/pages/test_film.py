@@ -47,6 +47,7 @@ def made() -> tuple[DeployedRun, RealTimeRun]:
     return prepared, fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
 
 
+@pytest.mark.ci("draws a film")
 def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
     film = ArmFilm(*made)
     assert film.factor > 1

@@ -55,7 +55,7 @@ def test_a_design_that_is_not_met_says_so_first(paper: LiveArm) -> None:
     assert "ripple 7\xa0% &lt; 5\xa0%" in text.partition("<body>")[2].partition("<main>")[0]
 
 
-@pytest.mark.costs("makes the live arm that tests here share")
+@pytest.mark.ci("a page of its own")
 def test_no_text_of_a_robot_ends_its_element(paper: LiveArm) -> None:
     named = replace(paper.robot, description="</script><script>alert(1)</script>")
     text = page.page_text(replace(paper, robot=named, notes=("<b>",)), b"\0asm")

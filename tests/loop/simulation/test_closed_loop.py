@@ -181,6 +181,7 @@ def test_the_same_seed_gives_the_same_bits(made):
     assert np.any(run(5).signals["output"] != run(6).signals["output"])
 
 
+@pytest.mark.ci("compiles two loops")
 def test_a_run_like_the_last_one_is_the_same_as_in_a_new_loop(made):
     ukf = made.ukf()
     loop = Loop(paper_arm().plant(), Controller(made.law, ukf))
