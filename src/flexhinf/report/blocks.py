@@ -471,21 +471,10 @@ class Table(Anchored):
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
         numeric, lines = self._written
-        headings = {
-            k: column.brief or ", ".join(filter(None, (column.name, column.unit)))
-            for k, column in enumerate(self.heads)
-        }
-        crowded = sum(1 + max(len(headings[k]), self._longest[k]) for k in there) > WIDTH - 2  # of its edges
-        for k in there:
-            heading, right = headings[k], numeric[k]
-            names = k == there[0] and not indent and self._longest[k] <= NAME
-            whole = wide or names or (right and self._longest[k] <= VALUE)
-            if whole and crowded and not wide:  # else a terminal cuts the cells of all columns
-                whole_unit = heading.replace(", ", ",\N{NO-BREAK SPACE}")
-                longest = max(map(len, whole_unit.split(" ")), default=1)
-                heading = textwrap.fill(whole_unit, max(self._longest[k], longest))
-                heading = heading.replace("\N{NO-BREAK SPACE}", " ")
-            table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
+        named = {there[0]} if not indent and self._longest[there[0]] <= NAME else set[int]()
+        whole = {k: wide or k in named or (numeric[k] and self._longest[k] <= VALUE) for k in there}
+        for k, heading in self._headings(whole, wide).items():
+            table.add_column(Text(heading), justify="right" if numeric[k] else "left", no_wrap=whole[k])
         for line in lines:
             if isinstance(line, str):
                 table.add_row(Text(line, "bold"))
@@ -494,6 +483,33 @@ class Table(Anchored):
                 cells[0] = (indent + cells[0][0], cells[0][1])
                 table.add_row(*(Text(f"{t}*") if m == "best" else Text(t, m) for t, m in cells))
         return table
+
+    def _headings(self, whole: Mapping[int, bool], wide: bool) -> dict[int, str]:
+        """Headings for a terminal, broken where it would else cut cells; a unit stays beside its name if it can."""
+
+        def fit(heads: Mapping[int, int]) -> bool:
+            cells = {k: self._longest[k] if whole[k] else min(self._longest[k], NAME) for k in whole}
+            return sum(1 + max(heads[k], cells[k]) for k in whole) <= WIDTH - 2  # of its edges
+
+        columns = {k: self.heads[k] for k in whole}
+        headings = {
+            k: one.brief or ", ".join(filter(None, (one.name, one.unit))) for k, one in columns.items()
+        }
+        if wide or fit({k: max(map(len, text.split("\n"))) for k, text in headings.items()}):
+            return headings
+        parts = {k: text.replace(", ", ",\N{NO-BREAK SPACE}") for k, text in headings.items()}
+        if not fit({k: _longest_part(text) for k, text in parts.items()}):
+            parts = headings
+        rooms = {k: max(self._longest[k], _longest_part(text)) for k, text in parts.items()}
+        broken = {
+            k: "\n".join(textwrap.fill(line, rooms[k]) for line in text.split("\n"))
+            for k, text in parts.items()
+        }
+        return {k: broken[k].replace("\N{NO-BREAK SPACE}", " ") if whole[k] else headings[k] for k in whole}
+
+
+def _longest_part(text: str) -> int:
+    return max(map(len, re.split(r"[ \n]", text)))
 
 
 #: Names in the first column of a table without titles stay whole in a terminal if they are no longer than this.
