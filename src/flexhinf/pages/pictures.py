@@ -122,15 +122,16 @@ def stored_lead(report: StoredReport) -> list[Figure]:
     """What the page in the folder of a design begins with; nothing where it was changed or has gone."""
     with suppress(InvalidInput):
         page = report.files.get("index.html", "")
+        text = page if isinstance(page, str) else page.decode()
         return [
-            Figure(
-                name,
-                standalone(svg),
-                *(unescape(re.sub(r"<[^>]*>", "", text)).strip() for text in (said, called)),
-            )
-            for name, svg, called, said in _LEAD.findall(page if isinstance(page, str) else page.decode())
+            Figure(name, standalone(svg), _plain(said), _plain(called))
+            for name, svg, called, said in _LEAD.findall(text)
         ]
     return []
+
+
+def _plain(html: str) -> str:
+    return unescape(re.sub(r"<[^>]*>", "", html)).strip()
 
 
 def notebook_pictures(result: object) -> str:
