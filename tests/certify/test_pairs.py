@@ -67,7 +67,7 @@ def sprung(pairs):
     return largest_certificate(some, Errors(Sector(0.5, 0.5), Sector(1.0, 1.0)), lambda text: None)
 
 
-@pytest.mark.costs("searches and checks two proofs, which all tests here read")
+@pytest.mark.ci("searches and checks two proofs, which all tests here read")
 def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung):
     for (tolerance, numbers), size, (low, high) in ((found, 0.5, ENDS), (sprung, 0.2, SOME)):
         assert size < tolerance.errors.masses.lower < 1.0
@@ -126,6 +126,7 @@ def mixed_radius(pairs, links, error, springs=0.0):
     return np.abs(np.linalg.eigvals(loop)).max()
 
 
+@pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.oracle
 def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found, sprung):
     """By a second route to the loop of mixed pairs, which also confirms what the search of unstable ones says."""
@@ -219,6 +220,7 @@ def peak(numbers, link, pieces=6):
     return np.linalg.eigvalsh(total)[:, -1].max()
 
 
+@pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.oracle
 def test_a_second_route_by_frequencies_finds_the_same_tolerance(found):
     tolerance, numbers = found
@@ -229,6 +231,7 @@ def test_a_second_route_by_frequencies_finds_the_same_tolerance(found):
     assert max(peak(beyond, link) for link in links) > 1.0
 
 
+@pytest.mark.ci("reads two proofs that the other tests share")
 def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung):
     for (tolerance, numbers), kinds in ((found, (0, 1)), (sprung, (0, 1)), (sprung, (2, 3))):
         names, sizes = ("lower", "upper", "softer", "stiffer"), tolerance.errors.numbers
@@ -236,6 +239,7 @@ def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung):
         assert isinstance(check_pairs(pair_claim(larger)), int)
 
 
+@pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.parametrize(
     ("name", "end"),
     [("lower", 1.0), ("softer", 1.0), ("period", 0.0), ("input", 0.0), ("rate_weight", 0.0)],
@@ -326,7 +330,7 @@ def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(of, count, tri
             pair_claim(file)
 
 
-@pytest.mark.costs("many loops of pairs")
+@pytest.mark.ci("many loops of pairs")
 def test_a_payload_alone_leaves_a_larger_sector(pairs):
     """Links that are only heavier may be so by more than links that may also be lighter."""
     both, heavier = (
@@ -337,7 +341,7 @@ def test_a_payload_alone_leaves_a_larger_sector(pairs):
     assert heavier.upper == 0.0
 
 
-@pytest.mark.costs("one more search")
+@pytest.mark.ci("one more search")
 def test_symmetric_errors_may_be_larger_than_any(pairs, found):
     """Small gain is the case without a multiplier, and bears errors that lag."""
     small = small_gain_tolerance(pairs, count=10).masses.lower

@@ -151,7 +151,7 @@ def test_a_row_that_fails_where_noise_ends_holds_the_input_before_it() -> None:
     assert np.array_equal(found.u[2], found.u[1])
 
 
-@pytest.mark.costs("records a controller that is provoked")
+@pytest.mark.ci("records one more controller")
 def test_what_provokes_has_a_measurement_before_the_watchdog_stops() -> None:
     """C stops where more samples in a row are without one, and Python has no watchdog: a documented export failed its
     own test, whose memories took one measurement after the other for implausible."""
