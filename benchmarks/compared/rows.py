@@ -31,6 +31,9 @@ from flexhinf.pages.campaign_numbers import interval_text
 
 __all__ = ["BUILD", "KINDS", "LIMIT", "ROBOTS", "ROWS", "Robot", "kept", "make", "nearest"]
 
+#: Largest limit that is for rounding alone.
+ROUNDING = 1e-6
+
 #: The rows that the docs show; where commands write.
 ROWS = Path(__file__).resolve().parent / "rows"
 BUILD = Path(__file__).resolve().parents[2] / "build" / "compared"
@@ -185,13 +188,16 @@ def _table(folder: Path) -> MergedTable:
 
 
 def nearest(judged: CampaignJudgement) -> tuple[str, float]:
-    """The requirement whose worst sample is nearest to its limit, or farthest beyond it; and that sample's metric."""
+    """The requirement whose worst sample is nearest to its limit, or farthest beyond it; and that sample's metric.
+
+    What must be zero, as the distance beyond a joint's range, has a limit for rounding alone: no share of it is meant.
+    """
 
     def use(rule: MetricLimit) -> float:
         values = judged.column(rule.metric)
         return float(np.nanmax(values)) / rule.limit if np.isfinite(values).any() else 0.0
 
-    rule = max(judged.requirements, key=use)
+    rule = max((rule for rule in judged.requirements if rule.limit > ROUNDING), key=use)
     return rule.metric, use(rule)
 
 
