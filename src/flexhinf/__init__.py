@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
+# lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 import lazy_loader
 
 # Python makes a subpackage an attribute of its package when it first loads it. `flexhinf.design` is also the name of a

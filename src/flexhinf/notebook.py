@@ -7,15 +7,10 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import import_module
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar, cast
 
 from flexhinf.numerals import stated_number
-from flexhinf.validation import late_package
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    np = late_package("numpy")
+from flexhinf.validation import is_array
 
 #: The longest array whose numbers stand in a text.
 LONGEST_ARRAY = 12
@@ -70,17 +65,24 @@ class StatedRepr:
 
 def stated_text(value: object) -> str:
     """A value as it is written in Python, numbers in ten digits."""
-    if isinstance(value, np.ndarray):
+    if is_array(value):
         numbers = value.dtype.kind in "fiu" and value.size <= LONGEST_ARRAY
         return stated_text(value.tolist()) if numbers else f"<array of {' × '.join(map(str, value.shape))}>"
     if isinstance(value, float):
         return stated_number(value)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key!r}: {stated_text(each)}" for key, each in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(
+                f"{key!r}: {stated_text(each)}" for key, each in cast("dict[object, object]", value).items()
+            )
+            + "}"
+        )
     if type(value) is list:
-        return f"[{', '.join(map(stated_text, value))}]"
+        return f"[{', '.join(map(stated_text, cast('list[object]', value)))}]"
     if type(value) is tuple:
-        return f"({', '.join(map(stated_text, value))}{',' * (len(value) == 1)})"
+        entries = cast("tuple[object, ...]", value)
+        return f"({', '.join(map(stated_text, entries))}{',' * (len(entries) == 1)})"
     return getattr(value, "__qualname__", None) or repr(value)
 
 

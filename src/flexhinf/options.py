@@ -14,13 +14,21 @@ import functools
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, measured, respelled, split
-from flexhinf.validation import checked_path, late_package, one_of, real_number, value_text
+from flexhinf.validation import (
+    checked_path,
+    is_array,
+    is_integer,
+    late_package,
+    one_of,
+    real_number,
+    value_text,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,8 +53,10 @@ _LONGEST = 10_000
 #: What one is in SI units, by each unit of one kind; the SI unit first.
 Units = Sequence[Mapping[str, float]]
 
+Default = TypeVar("Default")
 
-def quantity(value: Any, units: Units = ()) -> float:
+
+def quantity(value: object, units: Units = ()) -> float:
     """A number, or text of a number without a unit or with one of the units, which it then remembers.
 
     True and false are no numbers.
@@ -68,15 +78,16 @@ def quantity(value: Any, units: Units = ()) -> float:
         if math.isinf(parsed) and "inf" not in parts[0]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
         return parsed if known is None else Stated(parsed * known[unit], *parts, next(iter(known)))
-    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, (bool, np.bool_))
+    kind = type(value)
+    is_number = issubclass(kind, (int, float, np.number)) and not issubclass(kind, (bool, np.bool_))
     parsed = real_number(value) if is_number else math.nan
-    if np.isnan(parsed) and not isinstance(value, (float, np.floating)):  # also an integer beyond all floats
+    if np.isnan(parsed) and not issubclass(kind, (float, np.floating)):  # also an integer beyond all floats
         raise ValueError(value_text(value))
     return parsed
 
 
 def several(
-    value: Any, units: Units = (), read: Callable[[Any, Units], float] = quantity
+    value: object, units: Units = (), read: Callable[[object, Units], float] = quantity
 ) -> tuple[float, ...]:
     """Numbers as of `quantity`, or of another reader, one or several; as text between commas.
 
@@ -86,7 +97,7 @@ def several(
     (0.5, 3.141592653589793)
     """
     if isinstance(value, str):
-        parts: list[Any] = value.split(",")
+        parts: list[object] = [*value.split(",")]
     else:
         parts = _sequence(value) if _is_sequence(value) else [value]
     if not parts:
@@ -109,7 +120,7 @@ def interval(text: str) -> tuple[float, float]:
 
 
 def one_or_several(
-    value: Any, units: Units = (), read: Callable[[Any, Units], float] = quantity
+    value: object, units: Units = (), read: Callable[[object, Units], float] = quantity
 ) -> float | tuple[float, ...]:
     """One number for all joints or signals, or one for each.
 
@@ -124,7 +135,7 @@ def one_or_several(
     )
 
 
-def variances(value: Any, units: Units = ()) -> float | tuple[float, ...]:
+def variances(value: object, units: Units = ()) -> float | tuple[float, ...]:
     """Variances, one or several: text with a unit is an rms value, a number without a unit the variance itself.
 
     Examples
@@ -135,7 +146,7 @@ def variances(value: Any, units: Units = ()) -> float | tuple[float, ...]:
     return one_or_several(value, units, _variance)
 
 
-def _variance(value: Any, units: Units) -> float:
+def _variance(value: object, units: Units) -> float:
     """The variance of one signal; negative for a negative rms value, which is refused."""
     rms = quantity(value, units)
     if not isinstance(value, str) or not isinstance(rms, Stated):
@@ -146,50 +157,50 @@ def _variance(value: Any, units: Units) -> float:
 lengths = functools.partial(several, units=(SLIDING,))
 
 
-def _poses(value: Any) -> tuple[tuple[float, ...], ...]:
+def _poses(value: object) -> tuple[tuple[float, ...], ...]:
     each = [value] if isinstance(value, str) else _sequence(value)
     return tuple(several(pose if isinstance(pose, str) else _sequence(pose), _POSITIONS) for pose in each)
 
 
-def angle_unit_of(*values: Any) -> str | None:
+def angle_unit_of(*values: object) -> str | None:
     """The unit of angles that texts among the values state, "deg" or "rad"; None for numbers alone."""
     texts = " ".join(part for value in values for part in _texts(value))
     return "deg" if re.search("deg|°|arc", texts) else "rad" if "rad" in texts else None
 
 
-def _integer(value: Any) -> int:
+def _integer(value: object) -> int:
     if isinstance(value, str):
         return int(value)
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+    if not is_integer(value):
         raise ValueError(value_text(value))
     return int(value)
 
 
-def _integers(value: Any) -> tuple[int, ...]:
+def _integers(value: object) -> tuple[int, ...]:
     several = value.split(",") if isinstance(value, str) else _sequence(value)
     return tuple(sorted({_integer(part) for part in several}))
 
 
-def _flag(value: Any) -> bool:
+def _flag(value: object) -> bool:
     if isinstance(value, (bool, np.bool_)):
-        return bool(value)
+        return bool(cast("object", value))
     raise ValueError(value_text(value))
 
 
-def names(value: Any) -> tuple[str, ...]:
+def names(value: object) -> tuple[str, ...]:
     """Names in a list, or between commas."""
     parts = value.split(",") if isinstance(value, str) else _sequence(value)
     if not all(isinstance(part, str) for part in parts):
         raise ValueError(value_text(value))
-    return tuple(part.strip() for part in parts if part.strip())
+    return tuple(part for part in map(str.strip, cast("list[str]", parts)) if part)
 
 
-def choice(value: Any) -> Any:
+def choice(value: object) -> object:
     """A choice in lower case."""
     return value.strip().lower() if isinstance(value, str) else value
 
 
-def _weights(value: Any) -> Any:
+def _weights(value: object) -> object:
     """Weights by name or one per state or in rows; text is read, and what is code or a `Penalty` stays as it is."""
     from flexhinf.plant import Penalty
 
@@ -200,8 +211,11 @@ def _weights(value: Any) -> Any:
             return tuple(quantity(part) for part in value.split(","))
         pairs = [part.partition("=") for part in value.split(",")]
         return {name.strip(): quantity(weight) for name, _, weight in pairs}
-    if isinstance(value, Mapping) and value:
-        return {name: _row(item) if _is_sequence(item) else quantity(item) for name, item in value.items()}
+    if isinstance(value, Mapping):
+        items = cast("Mapping[str, object]", value)
+        if not items:
+            raise ValueError(value_text(items))
+        return {name: _row(item) if _is_sequence(item) else quantity(item) for name, item in items.items()}
     rows = _sequence(value)
     if not any(_is_sequence(row) for row in rows):
         return _row(rows)
@@ -210,7 +224,7 @@ def _weights(value: Any) -> Any:
     return tuple(_row(row) for row in rows)
 
 
-def _row(values: Any) -> tuple[float, ...]:
+def _row(values: object) -> tuple[float, ...]:
     row = tuple(quantity(value) for value in _sequence(values))
     if not row:
         raise ValueError(values)
@@ -230,22 +244,23 @@ class Unreadable(ValueError):
         self.meant = meant[0] if len(meant) == 1 else ""
 
 
-def _is_sequence(value: Any) -> bool:
-    return (isinstance(value, np.ndarray) and value.ndim > 0) or (
+def _is_sequence(value: object) -> bool:
+    return (is_array(value) and value.ndim > 0) or (
         isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray, memoryview))
     )
 
 
-def _sequence(value: Any) -> list[Any]:
-    if not _is_sequence(value) or len(value) > _LONGEST:
+def _sequence(value: object) -> list[object]:
+    entries = cast("Sequence[object]", value)
+    if not _is_sequence(value) or len(entries) > _LONGEST:
         raise ValueError(value_text(value))
-    return np.asarray(value).tolist() if isinstance(value, np.ndarray) else list(value)
+    return np.asarray(value).tolist() if is_array(value) else list(entries)
 
 
-def _texts(value: Any, depth: int = 2) -> list[str]:
+def _texts(value: object, depth: int = 2) -> list[str]:
     if isinstance(value, str):
         return [value]
-    if depth and _is_sequence(value) and len(value) <= _LONGEST:
+    if depth and _is_sequence(value) and len(cast("Sequence[object]", value)) <= _LONGEST:
         return [text for part in _sequence(value) for text in _texts(part, depth - 1)]
     return []
 
@@ -266,10 +281,10 @@ class Marker:
 
     __is_annotated_types_grouped_metadata__ = True
 
-    def __init__(self, name: str, *arguments: Any, **named: Any) -> None:
+    def __init__(self, name: str, *arguments: object, **named: object) -> None:
         self._name, self._arguments, self._named = name, arguments, named
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator[object]:
         marker = getattr(pydantic, self._name)(*self._arguments, **self._named)
         yield from marker.metadata if self._name == "Field" else (marker,)
 
@@ -278,13 +293,13 @@ class Marker:
 read_by, _field = functools.partial(Marker, "BeforeValidator"), functools.partial(Marker, "Field")
 
 
-def _as_stated(value: Any, check: Callable[[Any], float]) -> float:
+def _as_stated(value: object, check: Callable[[object], float]) -> float:
     """The checked number, with the unit in which it was stated: pydantic makes plain floats."""
     checked = check(value)
     return value if isinstance(value, Stated) else checked
 
 
-def _by(reader: Any, *units: Mapping[str, float]) -> Marker:
+def _by(reader: Callable[..., object], *units: Mapping[str, float]) -> Marker:
     """What stands without a unit is in the SI unit: rad, m, rad/s, m/s, s, N·m or N."""
     return read_by(functools.partial(reader, units=units))
 
@@ -429,10 +444,10 @@ class FieldInfo:
         """Reads a value."""
         return pydantic.TypeAdapter(self.kind)
 
-    def read(self, value: Any) -> Any:
+    def read(self, value: object) -> object:
         """A value in SI units, checked against its range. Raises `InvalidInput`, its advice an example."""
         if self.is_path:
-            for path in value if self.several else [value]:
+            for path in cast("Iterable[object]", value) if self.several else [value]:
                 checked_path(self.option if self.about.group else self.about.unit, path)
         try:
             return self.adapter.validate_python(value)
@@ -446,7 +461,7 @@ class FieldInfo:
                 raise own from None
             example = own.meant if isinstance(own, Unreadable) and isinstance(value, str) else ""
             if self.name == "period" and first["type"] == "less_than_equal" and str(value).isnumeric():
-                example = f"{float(value):g}ms"
+                example = f"{float(str(value)):g}ms"
             unit = self.about.unit
             example = example or self._without_unit(value)
             among = f" ({unit})" if unit and unit not in self.allowed else ""
@@ -454,7 +469,7 @@ class FieldInfo:
             found = f"expected {self.allowed}{among}, got {value_text(value)}"
             raise InvalidInput(refused(self.name), found, example or self.about.example) from None
 
-    def _without_unit(self, value: Any) -> str:
+    def _without_unit(self, value: object) -> str:
         """Text with units as numbers in the unit of the field, which stays where it has several; "" where it has
         others."""
         units = self.about.unit.replace(" or ", ", ").split(", ")
@@ -465,13 +480,13 @@ class FieldInfo:
             return ""
 
 
-def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
-    """A field of a dataclass: its default, a `list` for an empty one, and what people read about it, as for `About`."""
-    default: dict[str, Any] = {"default_factory": list} if value is list else {"default": value}
+def option(value: Default, group: str, help: str, /, *others: str, **named: str) -> Default:
+    """A field of a dataclass: its default, `[]` for an empty list, and what people read about it, as for `About`."""
+    default: dict[str, Any] = {"default_factory": list} if isinstance(value, list) else {"default": value}
     return dataclasses.field(**default, metadata={"about": About(group, help, *others, **named)})
 
 
-def setting(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
+def setting(value: Default, group: str, help: str, /, *others: str, **named: str) -> Default:
     """An `option` that is seldom stated, and shares one at the command line: ``--set NAME=VALUE``."""
     return option(value, group, help, *others, **named, setting="--set")
 
@@ -508,30 +523,30 @@ def with_value(option: str, value: str) -> str:
     return f"{option}{'=' if option.startswith('--set ') else ' '}{value}"
 
 
-def declared(cls: Any) -> dict[str, FieldInfo]:
+def declared(cls: type) -> dict[str, FieldInfo]:
     """The options that are declared in a dataclass, by name."""
-    kinds, fields = get_type_hints(cls, include_extras=True), {}
+    kinds, fields = get_type_hints(cls, include_extras=True), dict[str, FieldInfo]()
     for field in dataclasses.fields(cls):
         if "about" in field.metadata:
-            default = [] if field.default_factory is not dataclasses.MISSING else field.default
+            default: object = [] if field.default_factory is not dataclasses.MISSING else field.default
             fields[field.name] = field_info(field.name, field.metadata["about"], kinds[field.name], default)
     return fields
 
 
-def field_info(name: str, about: About, kind: Any, default: Any = None) -> FieldInfo:
+def field_info(name: str, about: About, kind: object, default: object = None) -> FieldInfo:
     """A field of this name, type and default."""
     flag = default is True or default is False
     return FieldInfo(name, about, kind, _allowed(kind), default, _option(name, about, flag))
 
 
-def _allowed(annotation: Any) -> str:
+def _allowed(annotation: object) -> str:
     if get_origin(annotation) is Literal:
         return ", ".join(get_args(annotation))
     own = [part.text for part in getattr(annotation, "__metadata__", ()) if isinstance(part, Allowed)]
     return next((text for text in (*own, *map(_allowed, get_args(annotation))) if text), "")
 
 
-def with_parameters(cls: Any) -> str:
+def with_parameters(cls: type) -> str:
     """The docstring of a dataclass with its declared options as the section "Parameters", before "Raises"."""
     lines = ["    Parameters", "    ----------"]
     for field in declared(cls).values():

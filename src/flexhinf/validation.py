@@ -12,28 +12,31 @@ import shlex
 import stat
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from types import ModuleType, UnionType
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar, cast
 
 from flexhinf.errors import InvalidInput, readable, refuse_if
+
+Value = TypeVar("Value")
 
 
 class _LatePackage:
     def __init__(self, package: str) -> None:
         self._package = package
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         package = self._package
         value = getattr(import_module(package), name)
         setattr(self, name, value)
         return value
 
 
-def late_package(package: str) -> Any:
+def late_package(package: str) -> _LatePackage:
     """A package that is imported when something of it is first used: help and refusals of options need none."""
     return _LatePackage(package)
 
@@ -78,7 +81,7 @@ _TOKEN = re.compile(
 
 
 # Numbers --------------------------------------------------------------------------------------------
-def real_array(value: Any, strict: bool = False) -> np.ndarray:
+def real_array(value: object, strict: bool = False) -> np.ndarray:
     """A new float64 array of real numbers; NaN where something else stands, so that one test of finiteness finds it.
 
     Missing entries (masked ones, None) become NaN. Text, bytes, complex numbers, dates, integers beyond 1.8e308, rows
@@ -89,13 +92,13 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
     >>> real_array([1, 2.5]), real_array("1.0"), real_array([0.5, np.ma.masked])
     (array([1. , 2.5]), array(nan), array([0.5, nan]))
     """
-    if type(value) is np.ndarray and value.dtype == np.float64:
+    if is_array(value) and type(value) is np.ndarray and value.dtype == np.float64:
         return value.copy()
     try:
         if isinstance(value, (list, tuple)):
-            value = _unmasked(value)
-        if isinstance(value, np.ma.MaskedArray):
-            value = np.ma.filled(np.ma.asarray(value).astype(float), np.nan)
+            value = _unmasked(cast("Sequence[object]", value))
+        if _is_masked(value):
+            value = _filled(value)
         array = np.asarray(value)
         if array.dtype.kind in "fiub" or all(entry is None or is_real(entry) for entry in array.flat):
             return np.array(array, dtype=float)
@@ -107,7 +110,7 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
 
 
 def checked_array(
-    what: str, value: Any, shape: tuple[int, ...], expected: str, advice: str, most: float = math.inf
+    what: str, value: object, shape: tuple[int, ...], expected: str, advice: str, most: float = math.inf
 ) -> np.ndarray:
     """Finite numbers of this shape, of a magnitude of at most `most`; the texts are for the message.
 
@@ -120,7 +123,7 @@ def checked_array(
     return array
 
 
-def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
+def checked_positive(what: str, value: object, unit: str, advice: str) -> float:
     """A finite number above zero, as a float.
 
     Raises InvalidInput: for anything else; `what` begins the message: "The sampling period".
@@ -133,27 +136,34 @@ def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
     return number
 
 
-def checked_kind(what: str, value: Any, kind: Any, expected: str, advice: str) -> None:
+def checked_kind(
+    what: str, value: object, kind: type | UnionType | tuple[type, ...], expected: str, advice: str
+) -> None:
     """Refuse a value of another class; `what` is the message's first sentence."""
     if not isinstance(value, kind):
         raise InvalidInput(what, f"expected {expected}, got {value_text(value)}", advice)
 
 
-def read_only(value: Any) -> Any:
+def read_only(value: Value) -> Value:
     """The same with arrays that cannot be written, in tuples and mappings too: what copies may share."""
-    if isinstance(value, np.ndarray):
+    return cast("Value", _read_only(value))
+
+
+def _read_only(value: object) -> object:
+    if is_array(value):
         view = value.view()
         view.setflags(write=False)
         return view
     if isinstance(value, dict):
-        return {key: read_only(entry) for key, entry in value.items()}
+        return {key: _read_only(entry) for key, entry in cast("dict[object, object]", value).items()}
     if isinstance(value, tuple):
-        entries = [read_only(entry) for entry in value]
-        return type(value)(*entries) if hasattr(value, "_fields") else tuple(entries)
+        whole = cast("tuple[object, ...]", value)
+        entries, make = [_read_only(entry) for entry in whole], cast("Callable[..., object]", type(whole))
+        return make(*entries) if hasattr(whole, "_fields") else tuple(entries)
     return value
 
 
-def real_number(value: Any) -> float:
+def real_number(value: object) -> float:
     """One real number as a float; NaN for anything else, arrays of one number with axes included."""
     if type(value) is float:
         return value
@@ -161,7 +171,20 @@ def real_number(value: Any) -> float:
     return float(array) if array.ndim == 0 else float("nan")
 
 
-def is_real(value: Any) -> bool:
+def is_array(value: object) -> TypeGuard[np.ndarray]:
+    """Whether this is an array of NumPy, whatever it holds."""
+    return isinstance(value, np.ndarray)
+
+
+def _is_masked(value: object) -> TypeGuard[np.ma.MaskedArray]:
+    return isinstance(value, np.ma.MaskedArray)
+
+
+def _filled(masked: np.ma.MaskedArray) -> np.ndarray:
+    return np.ma.filled(masked.astype(float), np.nan)
+
+
+def is_real(value: object) -> bool:
     """Whether this is one real number, of Python, NumPy or another library, and neither text, masked nor complex."""
     return isinstance(value, (float, int)) or (
         not isinstance(value, (str, bytes, complex, np.complexfloating, np.datetime64, np.timedelta64))
@@ -171,18 +194,18 @@ def is_real(value: Any) -> bool:
     )
 
 
-def _unmasked(values: Sequence[Any]) -> Any:
+def _unmasked(values: Sequence[object]) -> Sequence[object]:
     """The same rows with NaN where an entry is masked, and rows that are masked arrays filled."""
     if all(type(value) is float for value in values):
         return values
-    filled = []
+    filled: list[object] = []
     for value in values:
         if value is np.ma.masked:
             value = np.nan
-        elif isinstance(value, np.ma.MaskedArray):
-            value = np.ma.filled(value.astype(float), np.nan)
+        elif _is_masked(value):
+            value = _filled(value)
         elif isinstance(value, (list, tuple)):
-            value = _unmasked(value)
+            value = _unmasked(cast("Sequence[object]", value))
         filled.append(value)
     return filled
 
@@ -197,7 +220,7 @@ def within_proportion(value: float, positive: bool = False) -> bool:
     return abs(value) <= HUGE and not (positive and 0.0 < value < 1.0 / HUGE)
 
 
-def value_text(value: Any, most: int = 200) -> str:
+def value_text(value: object, most: int = 200) -> str:
     """A value as Python writes it, cut to `most` characters; whatever its ``__repr__`` does, this returns."""
     try:
         return readable(repr(value), most)
@@ -206,7 +229,7 @@ def value_text(value: Any, most: int = 200) -> str:
         return f"a {type(value).__name__} that cannot be printed ({readable(str(error), 80)})"
 
 
-def extra_package(package: str, extra: str, what: str) -> Any:
+def extra_package(package: str, extra: str, what: str) -> ModuleType:
     """An optional package; without it an error that names the extra of flexhinf that brings it.
 
     Raises InvalidInput: `what` is its first sentence.
@@ -219,7 +242,7 @@ def install_advice(extra: str) -> str:
     return f"pip install 'flexhinf[{extra}]', or in a clone of the repository pip install '.[{extra}]'"
 
 
-def required_package(package: str, what: str, advice: str) -> Any:
+def required_package(package: str, what: str, advice: str) -> ModuleType:
     """A package that may be missing; then an InvalidInput that begins with `what` and ends with how to get it."""
     try:
         return import_module(package)
@@ -229,7 +252,7 @@ def required_package(package: str, what: str, advice: str) -> Any:
 
 # Names ----------------------------------------------------------------------------------------------
 def checked_name(
-    what: str, name: Any, spaces: bool = False, without: str = "", longest: int = LONGEST_NAME
+    what: str, name: object, spaces: bool = False, without: str = "", longest: int = LONGEST_NAME
 ) -> str:
     """A name that can stand in a table, a figure, a file and a terminal.
 
@@ -249,18 +272,20 @@ def checked_name(
             f"expected 1 to {longest} printable characters with {allowed}, got {value_text(name, 60)}{long}",
             "letters, digits, hyphens and underscores: 'shoulder'",
         )
-    return name
+    return text
 
 
-def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") -> str:
+def nearest(name: object, known: Iterable[str], otherwise: str = "one of these") -> str:
     """The known name that is most like a wrong one, or ends with it, as an advice."""
     text, names = str(name)[:200], list(known)
-    ending = [other for other in names if text and str(other).endswith(text)]
+    ending = [other for other in names if text and other.endswith(text)]
     close = difflib.get_close_matches(text, names, n=1) or ending
     return repr(close[0]) if close else otherwise
 
 
-def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> InvalidInput:
+def unknown_name(
+    what: str, name: object, known: Iterable[str], otherwise: str = "one of these"
+) -> InvalidInput:
     """The error for a name that is none of the known ones."""
     known = list(known)
     return InvalidInput(
@@ -268,33 +293,33 @@ def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "o
     )
 
 
-def one_of(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> None:
+def one_of(what: str, name: object, known: Collection[str], otherwise: str = "one of these") -> None:
     """Refuse a name that is none of the known ones; `what` is the message's first sentence."""
     if name not in known:
         raise unknown_name(what, name, known, otherwise)
 
 
-def checked_names(what: str, names: Any) -> tuple[str, ...]:
+def checked_names(what: str, names: object) -> tuple[str, ...]:
     """One name or several, as a tuple; `what` begins the message: "The sensors".
 
     Raises InvalidInput: for what is neither text nor a sequence of texts.
     """
     sequence = (names,) if isinstance(names, str) else names
-    scalar = isinstance(sequence, np.ndarray) and sequence.ndim == 0
-    several = tuple(sequence) if isinstance(sequence, Iterable) and not scalar else None
+    scalar = is_array(sequence) and sequence.ndim == 0
+    iterable = isinstance(sequence, Iterable) and not scalar
+    several = tuple(cast("Iterable[object]", sequence)) if iterable else None
     if several is not None and all(isinstance(name, str) for name in several):
-        return several
+        return cast("tuple[str, ...]", several)
     found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
     raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")
 
 
-def checked_text(what: str, text: Any) -> str:
+def checked_text(what: str, text: object) -> str:
     """A description, a unit or a source: printable characters, tabs and line breaks, `LONGEST_TEXT` at most.
 
     Raises InvalidInput: for anything else.
     """
-    printable = isinstance(text, str) and text.replace("\n", "").replace("\t", "").isprintable()
-    if not printable or len(text) > LONGEST_TEXT:
+    if not isinstance(text, str) or len(text) > LONGEST_TEXT or not re.sub("[\n\t]", "", text).isprintable():
         raise InvalidInput(
             f"{what[0].upper()}{what[1:]} cannot be printed.",
             f"expected at most {LONGEST_TEXT} characters, none of them a control character, got "
@@ -317,17 +342,17 @@ def distinct(what: str, names: Sequence[str]) -> None:
 
 
 # Files ----------------------------------------------------------------------------------------------
-def checked_path(what: str, path: Any) -> Path:
+def checked_path(what: str, path: object) -> Path:
     """A path as a `Path`; `what` begins the message: "The controller's file".
 
     Raises InvalidInput: for what is no text and no path object (None, numbers, bytes) or is empty.
     """
-    text = os.fspath(path) if isinstance(path, os.PathLike) else path
+    text = os.fspath(cast("os.PathLike[str]", path)) if isinstance(path, os.PathLike) else path
     if isinstance(text, str) and text:
         return Path(text)
     raise InvalidInput(
         f"{what} has no usable path.",
-        f"expected text or a pathlib.Path, got {value_text(path, 60)}",
+        f"expected text or a pathlib.Path, got {value_text(cast('object', path), 60)}",
         "for example 'folder/name'",
     )
 
@@ -413,13 +438,13 @@ def read_xml(path: Path) -> ElementTree.Element:
         "expected plain elements, got <!DOCTYPE or <!ENTITY",
         "leave it out: nothing of it is read",
     )
-    parser = ElementTree.XMLPullParser(("start", "end"))
-    root: Any = None  # the parser refuses a file without one
+    parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(("start", "end"))
+    root: ElementTree.Element | None = None
     depth, count = 0, 0
     try:
         for start in range(0, len(text), 65536):
             parser.feed(text[start : start + 65536])
-            events: Any = parser.read_events()
+            events = cast("Iterator[tuple[str, ElementTree.Element]]", parser.read_events())
             for event, element in events:
                 root = element if root is None else root
                 depth += 1 if event == "start" else -1
@@ -441,6 +466,7 @@ def read_xml(path: Path) -> ElementTree.Element:
         raise InvalidInput(
             f"{path.name}: this is no XML.", f"expected elements, got: {error}", "a URDF file, as text"
         ) from None
+    assert root is not None  # the parser refuses a file without one
     return root
 
 
@@ -452,7 +478,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     """
     with open_regular(path) as file:
         step = max(os.fstat(file.fileno()).st_size, 1 << 16)  # what the kernel makes up says that it is empty
-        parts, left = [], most
+        parts, left = list[bytes](), most
         while left and (part := file.read(min(step, left) if left > 0 else step)):
             parts.append(part)
             left -= len(part) if left > 0 else 0
@@ -464,7 +490,7 @@ class NotReadable(InvalidInput):
 
 
 @contextmanager
-def access_to(path: Path, whole: Path | None = None) -> Iterator[None]:
+def access_to(path: Path, whole: Path | None = None) -> Generator[None]:
     """Refuse what the system does not let us read just now.
 
     An error that tells what is there passes: no such file, or a folder in its place. `whole`: the folder whose files
@@ -520,7 +546,7 @@ def file_digest(path: Path) -> str:
 
 
 @contextmanager
-def open_regular(path: Path) -> Iterator[BufferedReader]:
+def open_regular(path: Path) -> Generator[BufferedReader]:
     """An open file; OSError for a folder, a pipe or a device, which is not waited for."""
     no_waiting = getattr(os, "O_NONBLOCK", 0)
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | no_waiting)) as file:

@@ -140,7 +140,7 @@ class ElasticOptions:
 class RequiredOptions:
     """The option for what every run of a campaign must keep."""
 
-    require: list[Text] = option(list, LOOP,
+    require: list[Text] = option([], LOOP,
         "What a run must keep to count as a success. Repeat the option for more. Default: the run settles and keeps "
         "the limits of the design.", "overshoot_percent<=5", "metric<=x")
 
@@ -221,7 +221,7 @@ class CertifyOptions(RobotOptions, VerboseOptions):
 class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
     """Options that a campaign and a comparison of two campaigns share."""
 
-    tolerance: list[Text] = option(list, UNCERTAIN,
+    tolerance: list[Text] = option([], UNCERTAIN,
         "Another tolerance of a parameter: stiffness=15% or mass=0.9..1.2. That of friction means dry friction too. "
         "Repeat the option for more.",
         "stiffness=15%", "name=x")
@@ -241,7 +241,7 @@ class RunCampaignOptions(BatchOptions):
     out: Path = option(Path("flexhinf-campaign"), WRITTEN, "Folder of the campaign. The same command continues there.")
     worst_case: bool = option(False, SEARCH,
         "Also search the tolerances for the worst robot, and compare it with the worst sample.")
-    metric: list[Text] = option(list, SEARCH,
+    metric: list[Text] = option([], SEARCH,
         "Metric that --worst-case makes as bad as it can; gain searches the worst disturbance. Repeat the option for "
         "more. Default: all that a requirement limits, and gain.", "gain")
     starts: Whole = option(8, SEARCH, "Searches of --worst-case for each metric.", "8")
@@ -386,7 +386,7 @@ class RunOptions(PointOptions, VerboseOptions):
         "Be a ROS 2 node whose robot in MuJoCo follows trajectories until Ctrl-C (needs rclpy).")
     library: Path | None = option(None, RUN,
         "Step this shared library of `flexhinf compile` instead of the controller in Python.", unit="path")
-    perturb: list[Text] = option(list, UNCERTAIN,
+    perturb: list[Text] = option([], UNCERTAIN,
         "Another number in the robot that is driven: stiffness=-20%, friction_elbow=0.4. Repeat the option for more.",
         "stiffness=-20%", "name=value")
     load: Number | None = option(None, UNCERTAIN, "Torque on every link from --load-at on.", "0.5",
@@ -405,10 +405,10 @@ class RunOptions(PointOptions, VerboseOptions):
     out: Path | None = option(None, WRITTEN,
         "Write a report into this folder: a page, its numbers, and the log as run.csv.", "flexhinf-run", "path",
         default="none")
-    log: list[Path] = option(list, WRITTEN,
+    log: list[Path] = option([], WRITTEN,
         "Write all signals to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove). Repeat the option for more.",
         "run.csv", "path")
-    record: list[Path] = option(list, WRITTEN,
+    record: list[Path] = option([], WRITTEN,
         "Write a film of links and motors: .mp4 or .gif. Repeat the option for more.", "arm.gif", "path")
 
 
@@ -422,7 +422,7 @@ class LogOptions(ElasticOptions):
         "A robot file (arm.toml), a URDF, an MJCF file, a name that `flexhinf robots` lists, or a design. A design "
         "also states the sensors and noise levels of the filter.", "arm.toml", "ROBOT")
     payload: Text = option("", ROBOT, "What the robot carries, as for `flexhinf design`: 2kg.", "2kg", "kg@link")
-    column: list[Text] = option(list, LOGGED,
+    column: list[Text] = option([], LOGGED,
         "The column of a signal that has another name in the log: motor_position=pos. Add its unit, "
         "\"motor_position=pos [deg]\", or a factor to the SI unit, \"motor_position=counts [0.00153]\". "
         "link_position=q# are q1, q2, … of all joints. state.link_position is a true state, with which errors are "
@@ -436,16 +436,16 @@ class LogOptions(ElasticOptions):
         "Samples from the row of an input to the row from which on it acts. It is 1 where a controller logs what it "
         "sends and it acts a sample later, as in logs of `flexhinf run`.", "1", "samples",
         default="that of the design, or 0")
-    sensor_delay: list[Text] = option(list, LOGGED,
+    sensor_delay: list[Text] = option([], LOGGED,
         "Samples by which a sensor is late: motor_position=1. Its values are moved back in the log. Repeat the option "
         "for more.", "motor_position=1", "signal=samples")
-    missing: list[Number] = option(list, LOGGED,
+    missing: list[Number] = option([], LOGGED,
         "A value that stands for a missing one, in the unit of the file: -9999. Repeat the option for more.", "-9999",
         "number")
-    unwrap: list[Text] = option(list, LOGGED,
+    unwrap: list[Text] = option([], LOGGED,
         "A sensor that begins anew after a turn, or when its counter is full: it goes on counting. `time` is the "
         "column of times. Repeat the option for more.", "motor_position", "signal")
-    repeated: list[Text] = option(list, LOGGED,
+    repeated: list[Text] = option([], LOGGED,
         "A sensor that is slower than the rows, and repeats its value: repeated ones count as missing. Repeat the "
         "option for more.", "link_position", "signal")
 
@@ -465,11 +465,11 @@ class InitOptions:
     """Options of ``flexhinf init``."""
 
     source: Text = argument("A URDF (.urdf) or an MJCF file (.xml); none with --joints.", "[FILE]", default="")
-    move: list[Text] = option(list, ROBOT,
+    move: list[Text] = option([], ROBOT,
         "A joint that is to move; all others are locked. Repeat the option for more.", "shoulder", "name",
         default="all with a motor that follow no other one")
     joints: Whole = option(0, ROBOT, "A template of so many joints in a vertical plane, instead of a file.", "3")
-    gear: list[Text] = option(list, ROBOT,
+    gear: list[Text] = option([], ROBOT,
         "Published gear of a joint, by its name in `flexhinf robots`, or of all that turn: CSG-25-100. Repeat the "
         "option for more.", "shoulder=CSG-25-100", "joint=name", default="those that the file names")
     drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"] | None, CHOICE] = option(None,
@@ -504,7 +504,7 @@ class EstimateOptions(LogOptions):
     gate: Probability | None = option(None, ADVANCED,
         "Share of good measurements that are used. Less likely ones are skipped as outliers, and counted.", "0.999",
         default="none: all are used")
-    bounds: list[Text] = option(list, ADVANCED,
+    bounds: list[Text] = option([], ADVANCED,
         "Bounds of a state: link_position=-90deg..90deg, link_velocity_elbow=-2..2. Repeat the option for more.",
         "link_position=-90deg..90deg", "state=low..high")
     smooth: bool = option(False, WRITTEN,

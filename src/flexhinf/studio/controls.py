@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -211,9 +211,11 @@ def changed(s: Specification, control: Control, text: str, robot: Robot) -> Spec
     if name == "penalty" and text.strip():
         parts: list[str] = text.split(",")
         weight = {control.key.partition(".")[2]: parts[0] if len(parts) == 1 else parts}
-        read: dict[str, Any] = {}
+        read: Mapping[str, float | tuple[float, ...]] = {}
         with suppress(InvalidInput):
-            read = FIELDS[name].read(weight)
+            read = cast(
+                "Mapping[str, float | tuple[float, ...]]", FIELDS[name].read(weight)
+            )  # as of `Weights`
         refuse_if(
             not read
             or not all(np.all(np.isfinite(each) & (np.asarray(each) >= 0.0)) for each in read.values()),
