@@ -8,6 +8,9 @@
 Enter at the pair of a result: `design_files` writes, `ending` ends the command; `write_report` does both for Python.
 """
 
+# Not checked strictly: lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

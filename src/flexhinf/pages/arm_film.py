@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.pages.design.step import arm_plane
 from flexhinf.pages.drawing import figure_block, legend_above
-from flexhinf.report import INK, SERIES, Figure, Film, house_style, label, panels
+from flexhinf.report import INK, SERIES, Figure, Film, LineStyle, house_style, label, panels
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
 
@@ -68,7 +68,7 @@ def instants_of(time: np.ndarray, positions: np.ndarray) -> np.ndarray:
 
 
 #: Lines of the first and of the second arm, as the page plays them; poses that are drawn, as shares of the film.
-STYLES: tuple[dict[str, Any], ...] = (
+STYLES: tuple[LineStyle, ...] = (
     {"color": SERIES[0], "linewidth": 3.2},
     {"color": SERIES[1], "linewidth": 1.6, "dashes": (4.0, 2.0)},
 )
@@ -102,11 +102,9 @@ def two_arms(
     for (text, positions), style in reversed(list(zip(arms, STYLES, strict=True))):
         for k, place in enumerate(places):
             for j, line in enumerate(skeleton(robot, positions[place])):
-                faint = {
-                    "alpha": 0.15 + 0.85 * k / (len(places) - 1),
-                    "gid": f"pose-{text.replace(' ', '-')}-{k}-{j}",
-                }
-                axes.plot(*(line @ view).T, **style, **faint)
+                gid, alpha = f"pose-{text.replace(' ', '-')}-{k}-{j}", 0.15 + 0.85 * k / (len(places) - 1)
+                faint: LineStyle = {**style, "alpha": alpha}
+                axes.plot(*(line @ view).T, **faint, gid=gid)
         axes.plot([], [], label=text, **style)
     base = skeleton(robot, arms[0][1][0])[0][0] @ view
     axes.plot(*base, "o", color=INK, markersize=4.0)

@@ -1,12 +1,14 @@
 """The report of a campaign: success rate, worst robot and disturbance found, signals, distributions, sensitivities."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import math
 import shlex
 from collections.abc import Callable, Sequence
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
@@ -81,7 +83,9 @@ from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
     SERIES,
+    Block,
     KeyNumber,
+    LineStyle,
     Listing,
     Note,
     Page,
@@ -108,8 +112,8 @@ CLAIMS = {"designed": "designed for", "proved": "proved", "not claimed": "design
 RANKED, BARS = 4, 8
 
 #: Lines of the runs that are compared in one panel.
-_BLACK: dict[str, Any] = {"color": INK, "dashes": (5.0, 1.5), "linewidth": 1.1}
-_COLOURED: tuple[dict[str, Any], ...] = tuple({"color": colour, "linewidth": 1.1} for colour in SERIES)
+_BLACK: LineStyle = {"color": INK, "dashes": (5.0, 1.5), "linewidth": 1.1}
+_COLOURED = tuple(LineStyle(color=colour, linewidth=1.1) for colour in SERIES)
 
 
 # Page --------------------------------------------------------------------------------------------------------
@@ -229,7 +233,7 @@ def _proof_text(judged: CampaignJudgement) -> str:
 
 
 # Success and failures ----------------------------------------------------------------------------------------
-def _success(judged: CampaignJudgement) -> list[Any]:
+def _success(judged: CampaignJudgement) -> list[Block]:
     ends, limits = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN), judged.requirements
     kept = [
         ("reaches the end of the run", "", ends),
@@ -258,13 +262,13 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     ]
 
 
-def _failures(judged: CampaignJudgement) -> list[Any]:
+def _failures(judged: CampaignJudgement) -> list[Block]:
     replay, worst = replay_command(judged.table.journal.folder.name, "--sample"), judged.worst_of_all
     if not judged.failures:
         command = [] if worst is None else [Listing(f"{replay} {worst}")]
         again = " This command, in the folder above, runs the worst one again:" if command else ""
         return [Paragraph(f"No sample fails.{again}"), *command]
-    rows = []
+    rows: list[Sequence[object]] = []
     for k in map(int, judged.failed[:20]):
         status = str(judged.column("status")[k])
         reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
@@ -288,10 +292,10 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
 
 
 # Worst robot and worst disturbance ---------------------------------------------------------------------------
-def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None) -> list[Any]:
+def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None) -> list[Block]:
     if not cases:
         return []
-    rows, used = [], list[float]()
+    rows, used = list[Sequence[object]](), list[float]()
     for case in cases:
         own = [rule for rule in judged.requirements if rule.metric == case.metric]
         shares = (case.found.value / rule.limit for rule in own if rule.at_most and rule.limit > 0.0)
@@ -343,7 +347,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
     ]  # fmt: skip
 
 
-def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Any]:
+def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Block]:
     # three runs with one noise: the tracked signal that differs most, its end, and such an input
     plants = {"worst found": case.found, f"sample {case.sample}": case.sampled, "nominal": case.nominal}
     trajectories = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
@@ -384,7 +388,7 @@ def _close(middle: float, values: np.ndarray) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Any]:
+def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Block]:
     if not gains.rows:
         return []
     worst = next((row for row in gains.rows if row.robot == "worst"), None)
@@ -426,7 +430,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
 
 
 # Signals and metrics -----------------------------------------------------------------------------------------
-def _signals(judged: CampaignJudgement) -> list[Any]:
+def _signals(judged: CampaignJudgement) -> list[Block]:
     # the kept signals, and the end of the one that differs most; the worst run is drawn apart
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
@@ -471,7 +475,7 @@ def _signals(judged: CampaignJudgement) -> list[Any]:
     return [figure_block("signals", figure, caption, "Signals")]
 
 
-def _arms(judged: CampaignJudgement) -> list[Any]:
+def _arms(judged: CampaignJudgement) -> list[Block]:
     """The arm of the worst sample beside that of the middle one, in the same run."""
     worst = judged.worst_of_all
     if worst is None:
@@ -497,8 +501,8 @@ def _arms(judged: CampaignJudgement) -> list[Any]:
     return [] if figure is None else [figure]
 
 
-def _metrics(judged: CampaignJudgement) -> list[Any]:
-    blocks = list[Any]()
+def _metrics(judged: CampaignJudgement) -> list[Block]:
+    blocks = list[Block]()
     for kind, title, anchor in (
         ("metric", "Metrics over all samples that have them", "table-metrics"),
         (PART, "Joint by joint", "table-joints"),
@@ -526,7 +530,7 @@ def _metrics(judged: CampaignJudgement) -> list[Any]:
     return blocks
 
 
-def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
+def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Block]:
     finite = {name: judged.column(name)[np.isfinite(judged.column(name))] for name in names}
     varied = {name: values for name, values in finite.items() if len(values) and np.ptp(values) > 0.0}
     if not varied:
@@ -549,7 +553,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
     )]  # fmt: skip
 
 
-def _sensitivities(judged: CampaignJudgement) -> list[Any]:
+def _sensitivities(judged: CampaignJudgement) -> list[Block]:
     names = judged.table.names("metric")  # the use of a limit changes as the metric itself does
     names = tuple(name for name in names if name.removesuffix("_use") not in {*names} - {name})
     ranked = ((name, judged.sensitivity(name)) for name in names)

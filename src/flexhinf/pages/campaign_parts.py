@@ -1,6 +1,9 @@
 """Texts, tables and small panels of the reports of campaigns, on a page and in a terminal; the report
 of two designs on the same samples: success and failure, paired differences, extremes."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import math
@@ -9,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -45,6 +48,7 @@ from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
     SERIES,
+    Block,
     Column,
     KeyNumber,
     Listing,
@@ -60,6 +64,11 @@ from flexhinf.report import (
     label,
     panels,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+    from rich.table import Table as Terminal
 
 #: The requirement of a design that a metric of its campaign judges.
 JUDGED = {
@@ -107,7 +116,7 @@ def _changes_text(
 
 def sample_changes(judged: CampaignJudgement, sample: int) -> str:
     """A sample by its numbers that are furthest from nominal, relative to their spread."""
-    changes = []
+    changes: list[tuple[float, tuple[str, float, float | None, str]]] = []
     for name, value in judged.table.numbers(sample).items():
         column, nominal = judged.column(name), judged.nominal.get(name)
         middle, spread = float(column.mean()) if nominal is None else nominal, float(column.std())
@@ -215,7 +224,7 @@ def gain_changes(row: GainRow, nominal: Mapping[str, float]) -> str:
     return _changes_text(numbers, most=len(numbers))
 
 
-def replay_table(replay: Replayed) -> Any:
+def replay_table(replay: Replayed) -> Terminal:
     """Table of a sample that was run again: its numbers and metrics, as stored and now."""
     state = ("the same bits" if replay.same else "differs") if replay.recorded else "not in the table yet"
     return _again_table(
@@ -229,7 +238,7 @@ def replay_table(replay: Replayed) -> Any:
     )
 
 
-def worst_table(case: WorstCase, again: EvaluatedPlant) -> Any:
+def worst_table(case: WorstCase, again: EvaluatedPlant) -> Terminal:
     """Table of the worst plant, run again: its numbers and the metric, as stored and now."""
     same = again == case.found or (again.status == case.found.status != COMPLETED)
     return _again_table(
@@ -239,14 +248,14 @@ def worst_table(case: WorstCase, again: EvaluatedPlant) -> Any:
     )
 
 
-def gain_replay_table(rows: Sequence[GainRow], again: Sequence[float]) -> Any:
+def gain_replay_table(rows: Sequence[GainRow], again: Sequence[float]) -> Terminal:
     """Table of the attained gains, as stored and run again."""
     same = all(row.gain == value for row, value in zip(rows, again))
     cells = [(f"{r.robot}, {r.loop}, {r.pair}", r.gain, value, r.gamma) for r, value in zip(rows, again)]
     return _again_table(f"worst disturbances: {'the same bits' if same else 'differ'}", cells, "found", "γ")
 
 
-def _again_table(title: str, rows: Iterable[Sequence[Any]], before: str = "found", *more: str) -> Any:
+def _again_table(title: str, rows: Iterable[Sequence[object]], before: str = "found", *more: str) -> Terminal:
     texts = [[f"{x:.10g}" if isinstance(x, float) else str(x) for x in row] for row in rows]
     return Table(("", before, "run again", *more), texts, title).terminal()
 
@@ -259,7 +268,7 @@ def write_page(folder: Path, what: str, page: Page) -> Path:
     return path
 
 
-def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Any, list[Any]]:
+def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Canvas, list[Axes]]:
     """A figure with `count` panels in rows of at most `columns`, each row `height` inches high."""
     columns = min(columns, count)
     rows = -(-count // columns)
@@ -270,21 +279,21 @@ def small_panels(count: int, height: float, columns: int = 3, **options: Any) ->
     return figure, axes[:count]
 
 
-def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
+def few_ticks(axis: Axes, largest: float, which: Literal["both", "x"] = "both") -> None:
     """Few ticks with short numbers, of size up to `largest`."""
     axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 1)
     for ruler in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
-        ruler.set_major_formatter(lambda value, _: _short(value))
+        ruler.set_major_formatter(_short)
 
 
-def _short(value: float) -> str:
+def _short(value: float, place: object = None) -> str:
     """A number beside an axis of a small panel: 0.0001 would touch 0.0002."""
     text = number(value, 3)
     return text if len(text) < 6 else np.format_float_scientific(value, 2, trim="-", exp_digits=1)
 
 
 def histogram(
-    axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
+    axis: Axes, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
 ) -> None:
     """Draw a histogram of a metric; bins of a time are as wide as a multiple of the kept period."""
     time, spread = judged.table.journal.time, float(np.ptp(values))
@@ -415,7 +424,7 @@ def _span(metric: PairedMetric) -> str:
 
 
 # Blocks ------------------------------------------------------------------------------------------------------
-def _success(result: DesignPair) -> list[Any]:
+def _success(result: DesignPair) -> list[Block]:
     differing = [(name.replace("_", " "), a, b) for name, a, b in result.differences]
     tally, first, own = result.paired.success, result.judged[0], result.b.requirements
     limits = [
@@ -494,7 +503,7 @@ def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
     )  # fmt: skip
 
 
-def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[Any]:
+def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[Block]:
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
@@ -547,7 +556,7 @@ def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[An
     ]  # fmt: skip
 
 
-def _extremes(result: DesignPair, varied: Sequence[PairedMetric]) -> list[Any]:
+def _extremes(result: DesignPair, varied: Sequence[PairedMetric]) -> list[Block]:
     cases = [(m, who, sample) for m in varied for who, sample in zip("AB", m.extremes) if sample is not None]
     if not cases:
         return []

@@ -1,5 +1,8 @@
 """The page of a certificate: the theorem with its hypotheses, region, steps inside, budget, gain from both sides."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import re
@@ -7,10 +10,11 @@ import shlex
 from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.arrays import Number
 from flexhinf.certify import Certificate, Start, Verification
 from flexhinf.certify.certificate import (
     AUTHOR,
@@ -43,10 +47,12 @@ from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
+    Block,
     Bullets,
     Column,
     Figure,
     KeyNumber,
+    LineStyle,
     Listing,
     Note,
     Page,
@@ -61,6 +67,9 @@ from flexhinf.report import (
     legend,
     new_figure,
 )
+
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
 
 #: Names of a peak input, by its unit.
 PEAKS = {"V": "peak voltage"}
@@ -186,7 +195,7 @@ def _angle(claim: Certificate, value: float, degrees: bool) -> str:
 
 
 def _steps_text(claim: Certificate, degrees: bool) -> str:
-    return " or ".join(f"{_angle(claim, s.amplitude, degrees)} ({rule_text(s)})" for s in claim.starts)
+    return " or ".join(f"{_angle(claim, s.amplitude, degrees)} ({rule_text(s.rule)})" for s in claim.starts)
 
 
 def _start_text(start: Start) -> str:
@@ -200,9 +209,9 @@ def _start_text(start: Start) -> str:
 
 def _numbers(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
-    ends = [(start, _angle(claim, start.amplitude, degrees).partition(" ")) for start in claim.starts]
+    ends = [(s, rule_text(s.rule), *_angle(claim, s.amplitude, degrees).partition(" ")) for s in claim.starts]
     return [
-        *(KeyNumber(f"largest proved step, {rule_text(s)}", text, unit, _start_text(s)) for s, (text, _, unit) in ends),
+        *(KeyNumber(f"largest proved step, {rule}", text, unit, _start_text(s)) for s, rule, text, _, unit in ends),
         KeyNumber(
             "gain, proved", f"≤ {at_most(claim.gamma)}", "",
             "" if gain is None else f"attained by a disturbance: {at_least(gain)}",
@@ -214,7 +223,7 @@ def _numbers(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[Ke
         *(
             KeyNumber(
                 f"{PEAKS.get(effort, 'peak input')}, simulated", number(float(step.peak_input.max()), 3), effort,
-                f"nominal robot, {rule_text(step)}; not proved",
+                f"nominal robot, {rule_text(step.rule)}; not proved",
             )
             for step in law.steps
         ),
@@ -228,14 +237,14 @@ def _theorem(claim: Certificate) -> list[Section]:
         for heading, lines in theorem_parts(claim, claim.stated)
     }
     parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
-    sections = []
+    sections: list[Section] = []
     for title, lines in parts.items():
-        blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
+        blocks: list[Block] = [Bullets(tuple(map(_set, lines)))]
         if title == "Proved":  # with numbers of its own, by which the rest names it
             blocks = [Paragraph(_set(short_bounds(line, "V <= ", "gamma = "))) for line in lines]
-            blocks.append(
+            blocks += [
                 Paragraph("Numbers have six digits, bounds rounded to the safe side; the file has all.")
-            )
+            ]
         # Equations in a table, R2, the law and V as they can be copied, then the rest.
         if title == "Hypotheses":
             rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
@@ -263,7 +272,11 @@ def _set(text: str) -> str:
 
 
 # Slices of the region -------------------------------------------------------------------------------------
-def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]:
+#: What is drawn over a slice: its points, marker and style, and its name in the legend.
+_Mark = tuple[Number, Number, str, LineStyle, str | None]
+
+
+def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Block]:
     claim, surface = evidence.certificate, evidence.surface
     scale, unit = _position(claim, degrees)
     if not law.steps:
@@ -272,11 +285,11 @@ def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any
     if surface is None:
         return [Paragraph(f"{text}of each robot its own, without a jump of the input."), *blocks]
     integral = next(x.unit for x in claim.states if x.name.endswith("_integral"))
-    (up, height), lines = _in(degrees, integral), []
+    (up, height), lines = _in(degrees, integral), list[_Mark]()
     for path, start, colour in zip(surface.paths, claim.starts, SERIES[2:]):
-        style, (end, high) = {"color": colour, "label": f"starts: {rule_text(start)}"}, path[-1]
-        lines.append((scale * path[:, 0], up * path[:, 1], "-", style))
-        lines.append((scale * end, up * high, "o", {"color": colour, "markersize": 5}))
+        name, (end, high) = f"starts: {rule_text(start.rule)}", path[-1]
+        lines.append((scale * path[:, 0], up * path[:, 1], "-", {"color": colour}, name))
+        lines.append((scale * end, up * high, "o", {"color": colour, "markersize": 5}, None))
     return [
         Paragraph(
             f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
@@ -291,15 +304,17 @@ def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any
     ]  # fmt: skip
 
 
-def _limit(evidence: Evidence) -> list[Any]:
+def _limit(evidence: Evidence) -> list[Block]:
     claim, plane, sampled = evidence.certificate, evidence.limit, evidence.certificate.sampled_level
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
     limits = {"inequality": "r = 0", "V stops increasing": "V grows no more"}
-    points = [(0.0, 1.0, "D", {"color": INK, "label": f"limits the level: {limits[plane.limit]}"})]
+    points: list[_Mark] = [
+        (0.0, 1.0, "D", {"color": INK, "markersize": 5}, f"limits the level: {limits[plane.limit]}")
+    ]
     other, across = "the largest proved start", "share of the largest proved start"
     if plane.moved is None:
-        points.append((1.0, 0.0, "o", {"color": SERIES[2], "label": other}))
+        points.append((1.0, 0.0, "o", {"color": SERIES[2], "markersize": 5}, other))
     else:
         state, unit = claim.states[plane.moved].name.replace("_", " "), claim.states[plane.moved].unit
         other, across = f"the {state} with the other states where V₂ is smallest", f"{state} ({unit})"
@@ -317,14 +332,13 @@ def _limit(evidence: Evidence) -> list[Any]:
             ("limit", "Where the level ends"), claim, plane, (1.0, 1.0), points,
             (across, "share of the limiting point", ""),
             f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}.",
-            markersize=5,
         ),
     ]  # fmt: skip
 
 
 def _slice(
     place: tuple[str, str], claim: Certificate, cut: Slice, scales: tuple[float, float],
-    lines: Sequence[tuple[Any, ...]], names: tuple[str, str, str], caption: str, **style: Any,
+    lines: Sequence[_Mark], names: tuple[str, str, str], caption: str,
 ) -> Figure:  # fmt: skip
     """Figure of r/V in bands, with the proved and the sampled level, the goal, the worst point inside, and `lines`.
 
@@ -348,30 +362,24 @@ def _slice(
     axis.contour(across, up, cut.value, levels=[claim.level], colors=[INK], linewidths=1.8)
     axis.plot([], [], color=INK, linewidth=1.8, label="proved: V ≤ c")
     if claim.sampled_level is not None:
+        dashes = [(0, (3.0, 3.0))]
         axis.contour(
             across,
             up,
             cut.value,
-            levels=[claim.sampled_level],
+            [claim.sampled_level],
             colors=[SERIES[1]],
             linewidths=1.2,
-            linestyles=[(0, (3.0, 3.0))],
+            linestyles=dashes,
         )
         axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
     a, b, worst = cut.worst(claim.level)
-    axis.plot(
-        scales[0] * a,
-        scales[1] * b,
-        "x",
-        color=INK,
-        markersize=8,
-        markeredgewidth=1.8,
-        label="worst point here",
-    )
+    a, b = scales[0] * a, scales[1] * b
+    axis.plot(a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
     axis.plot(0.0, 0.0, "+", color=INK, markersize=9)
     axis.grid(False)
-    for x, y, marker, own in lines:
-        axis.plot(x, y, marker, **style, **own)
+    for x, y, marker, style, name in lines:
+        axis.plot(x, y, marker, label=name, **style)
     legend(axis)
     decays = " with the proved decay in r" if claim.decay else ""
     cross = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
@@ -386,8 +394,8 @@ def _slice(
 
 
 # Steps ----------------------------------------------------------------------------------------------------
-def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]:
-    claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
+def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Block]:
+    claim, solution, blocks = evidence.certificate, law.choice.solution, list[Block]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim, degrees)
     size, d_unit = _in(degrees, common_unit(claim.disturbances))
@@ -402,11 +410,11 @@ def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]
         if not runs:
             continue
         figure, axes = new_figure(3, height=6.4, labels=(("position − goal", unit), second, ("V / c", "")))
-        ends = []  # how long the runs are drawn
+        ends: list[float] = []  # how long the runs are drawn
         for run, colour in zip(runs, SERIES[2:]):
             few = thin(run.time)
             time, state = run.time[few], run.state[few]
-            axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {rule_text(run)}")
+            axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {rule_text(run.rule)}")
             effort, v = (
                 ((solution.operating_input + solution.inputs(state))[:, 0], value(state))
                 if name == "largest"
@@ -429,12 +437,12 @@ def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Any]
 
 
 # Budget and gain ------------------------------------------------------------------------------------------
-def _budget(evidence: Evidence, degrees: bool) -> list[Any]:
+def _budget(evidence: Evidence, degrees: bool) -> list[Block]:
     claim, square = evidence.certificate, _energy_unit(evidence.certificate).strip()
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = [
         (
-            rule_text(run), _angle(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
+            rule_text(run.rule), _angle(claim, run.amplitude, degrees), at_most(100.0 * start / claim.level, 3),
             at_least(100.0 * (claim.level - start) / claim.level, 3),
             at_least(2.0 * (claim.level - start) / claim.gamma**2, 3),
         )
@@ -469,7 +477,7 @@ def _energy_unit(claim: Certificate) -> str:
     return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
 
 
-def _gain(evidence: Evidence, degrees: bool) -> list[Any]:
+def _gain(evidence: Evidence, degrees: bool) -> list[Block]:
     claim, attained = evidence.certificate, evidence.attained
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
@@ -480,15 +488,8 @@ def _gain(evidence: Evidence, degrees: bool) -> list[Any]:
     line, (axis,) = new_figure(1, height=1.5, across="√(∫|z|²/∫|d|²)")
     found, between = f"attained: {at_least(attained.gain)}", "the largest lies here"
     axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=found)
-    axis.barh(
-        0.0,
-        claim.gamma - attained.gain,
-        left=attained.gain,
-        height=0.5,
-        color=MUTED,
-        alpha=0.35,
-        label=between,
-    )
+    left, width = attained.gain, claim.gamma - attained.gain
+    axis.barh(0.0, width, left=left, height=0.5, color=MUTED, alpha=0.35, label=between)
     axis.axvline(claim.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(claim.gamma)}")
     axis.set(yticks=[], xlim=(0.0, 1.08 * claim.gamma))
     legend(axis)
@@ -522,10 +523,10 @@ def _gain(evidence: Evidence, degrees: bool) -> list[Any]:
 
 # Degrees and check ----------------------------------------------------------------------------------------
 def _degree_table(laws: Sequence[CertifiedDegree], degrees: bool) -> Table:
-    rows = []
+    rows: list[Sequence[object]] = []
     for law in laws:
         claim, name = law.certificate, law_name(law.choice.degree) + (" *" if law.used else "")
-        proved: tuple[Any, ...] = (None, None, None, None)
+        proved: tuple[object, ...] = (None, None, None, None)
         if claim is not None:
             sampled = claim.sampled_level
             proved = (
@@ -557,7 +558,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate, degrees: bool) -> Tab
         ),
         [
             (
-                rule_text(run), _angle(claim, run.amplitude, degrees), run.overshoot_percent,
+                rule_text(run.rule), _angle(claim, run.amplitude, degrees), run.overshoot_percent,
                 *(", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)),
             )
             for run in law.steps
@@ -567,7 +568,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate, degrees: bool) -> Tab
     )  # fmt: skip
 
 
-def certification_tables(laws: Sequence[CertifiedDegree], degrees: bool) -> list[Any]:
+def certification_tables(laws: Sequence[CertifiedDegree], degrees: bool) -> list[Terminal]:
     """Tables for a terminal: what is proved of the law of each degree, and runs from the largest proved steps."""
     steps = (_steps_table(law, law.certificate, degrees) for law in laws if law.steps and law.certificate)
     return [table.terminal() for table in (_degree_table(laws, degrees), *steps)]

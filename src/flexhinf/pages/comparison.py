@@ -4,20 +4,15 @@ beside each other: the table of their metrics, their errors in the same runs, an
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from flexhinf.design.laws import DESIGN, LAWS, NL_HINF, is_hinf, rivals
 from flexhinf.design.pipeline import ComparedLaw, Comparison
 from flexhinf.design.specification import ESTIMATED_BY
-from flexhinf.design.tuning import (
-    RATIOS,
-    TunedLaw,
-    best_rival,
-    ranked,
-)
+from flexhinf.design.tuning import RATIOS, TunedLaw, best_rival, ranked
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.numerals import number
 from flexhinf.pages.comparison_figures import (
@@ -28,18 +23,14 @@ from flexhinf.pages.comparison_figures import (
     trade_off_figure,
 )
 from flexhinf.pages.design.frequency import Loop, frequency_figures
-from flexhinf.pages.drawing import (
-    count_text,
-    joint_count,
-    law_name,
-    pose_text,
-    units_of,
-)
+from flexhinf.pages.drawing import count_text, joint_count, law_name, pose_text, units_of
 from flexhinf.pages.page import design_statuses, files_section
 from flexhinf.pages.settings import comparison_settings, damping_text
 from flexhinf.report import (
+    Block,
     Cell,
     Column,
+    Figure,
     KeyNumber,
     Note,
     Page,
@@ -53,6 +44,9 @@ from flexhinf.report import (
 )
 from flexhinf.report.blocks import WIDTH
 from flexhinf.robot.springs import DAMPED
+
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
 
 #: What a law needs of the state, in the order of the model.
 SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -282,7 +276,7 @@ def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[S
 
 def comparison_notes(comparison: Comparison) -> list[str]:
     """Limits of the comparison that the reader must know."""
-    notes, own, s = [], comparison.own.evaluation, comparison.specification
+    notes, own, s = list[str](), comparison.own.evaluation, comparison.specification
     for row in comparison.rows:
         if row.failure:
             notes.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
@@ -342,7 +336,7 @@ def _ranking(comparison: Comparison) -> Table:
     )  # fmt: skip
 
 
-def _frequency(comparison: Comparison) -> list[Any]:
+def _frequency(comparison: Comparison) -> list[Figure]:
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
     always = [law for law in laws if law.name in (DESIGN, NL_HINF)]  # and the best others by the criterion
     others = sorted((law for law in laws if law.name not in (DESIGN, NL_HINF)), key=lambda law: law.cost)[:3]
@@ -355,7 +349,8 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     rival, own_law = nearest_rival(comparison), best_hinf_law(comparison)
-    metrics, numbers = {metric.key: metric for group in METRICS.values() for metric in group}, []
+    numbers: list[KeyNumber] = []
+    metrics = {metric.key: metric for group in METRICS.values() for metric in group}
     called = "the design" if own_law.name == DESIGN else _whole(own_law.name)
     theirs_called = "" if rival is None else f"{_whole(rival.name)}{' (not ranked)' if rival.missed else ''}"
     for key in (
@@ -370,15 +365,15 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     return numbers
 
 
-def _laws(comparison: Comparison) -> list[Any]:
-    rows = []
+def _laws(comparison: Comparison) -> list[Block]:
+    rows: list[Sequence[object]] = []
     for row in comparison.rows:
         tuned, kind = row.tuned, row.kind
         labels = {p.name: (p.label, p.unit) for p in kind.parameters}
-        stated = {} if tuned is None else tuned.parameters
+        stated: Mapping[str, float] = {} if tuned is None else tuned.parameters
         named = ((*labels.get(name, (name.replace("_", " "), "")), value) for name, value in stated.items())
         parts = [f"{what} {number(value, 3)} {unit}".strip() for what, unit, value in named]
-        states = [] if row.evaluation is None else row.evaluation.needed_states
+        states = () if row.evaluation is None else row.evaluation.needed_states
         own = [state for state in states if not state.endswith("_integral")]
         needs = [
             name.replace("_", " ") for name in SIGNALS if any(f"{s}_".startswith(f"{name}_") for s in own)
@@ -552,7 +547,7 @@ def metric_table(
     }
     eligible = [law.name for law in comparison.compared if law.tuned is not None and not law.tuned.missed]
     costs = (law.tuned.cost if law.tuned else np.nan for law in laws)
-    rows: list[Any] = [
+    rows: list[Sequence[object]] = [
         "criterion" if short else "Criterion and limits",
         ("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)),
         ("keeps every limit of the tuning", *("yes" if law.name in eligible else "no" for law in laws)),
@@ -563,7 +558,7 @@ def metric_table(
         name = f"{first.what} {first.converted(units_of(own).degrees).limit_text}{sampled}"
         rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
     for heading, group in METRICS.items():
-        entries = []
+        entries: list[Sequence[object]] = []
         for metric in (metric for metric in group if metric.brief or not short):
             values = {law.name: law.metrics.get(metric.key) for law in comparison.compared}
             if set(values.values()) == {None}:
@@ -582,11 +577,12 @@ def metric_table(
     )  # fmt: skip
 
 
-def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
+def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Terminal]:
     """Tables for a terminal of `width` columns, as many laws as fit, the design's own in each; * marks the best."""
     from rich.console import Console
 
-    first, parts, legend = comparison.tuned_design, [], "* best of its row, or as good as the best"
+    parts: list[Terminal] = []
+    first, legend = comparison.tuned_design, "* best of its row, or as good as the best"
     title = f"{comparison.robot.name}: laws in the same runs; {legend}"
     order = [comparison.row(law.name) for law, _ in ordered_laws(comparison)]
     part, table = [first], metric_table(comparison, [first], True, title).terminal(wide=True)

@@ -1,9 +1,12 @@
 """Figures of a comparison: the laws by the criterion, their errors in the same runs, and input against deviation."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +23,14 @@ from flexhinf.pages.drawing import (
     framed,
     legend_above,
     line_style,
+    plain_mark,
     thin,
     units_of,
 )
-from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, panels
+from flexhinf.report import INK, MUTED, SERIES, Figure, LineStyle, house_style, label, legend, panels
+
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
 
 #: Largest ratio that the figure of the criterion shows: a law that diverges has none.
 FARTHEST = 20.0
@@ -49,7 +56,7 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
         color = SERIES[0] if is_hinf(law.name) or law.name == DESIGN else MUTED
         axes.barh(place, cost, 0.62, color=color, alpha=0.55 if is_ranked else 0.2, zorder=1)
     for k, (key, name) in enumerate(RATIOS.items()):
-        style = {"color": line_style(k + 1)["color"], "markersize": 5.5, "zorder": 3.0}
+        style: LineStyle = {"color": line_style(k + 1)["color"], "markersize": 5.5, "zorder": 3.0}
         axes.plot(clipped([each[key] for each in ratios]), places, "os^D"[k], label=name, **style)
     axes.axvline(1.0, color=INK, linewidth=1.0, dashes=DASHED, zorder=2)
     every = clipped([*costs, *(each[key] for each in ratios for key in RATIOS)])
@@ -69,14 +76,15 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
     )
 
 
-def _plain_log(ruler: Any, few: bool = False) -> None:
+def _plain_log(ruler: Axis, few: bool = False) -> None:
     """Marks of a logarithmic axis as plain numbers; `few`: powers of ten alone."""
     from matplotlib.ticker import FuncFormatter
 
-    ruler.set_minor_formatter(
-        FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" * (not few) else "")
-    )
-    ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    def minor(value: float, place: object) -> str:
+        return plain_mark(value) if f"{value:.0e}"[0] in "25" * (not few) else ""
+
+    ruler.set_minor_formatter(FuncFormatter(minor))
+    ruler.set_major_formatter(FuncFormatter(plain_mark))
 
 
 #: Times (N,) and errors (N, n) of every law, by name.
@@ -88,7 +96,7 @@ def _joint_and_limits(errors: Errors, span: tuple[float, float]) -> tuple[int, t
     all of what most laws do in a span of time."""
     squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in errors.values())
     joint = int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
-    ends = []
+    ends: list[tuple[float, float]] = []
     for time, values in errors.values():
         error = values[:, joint]
         visible = error[(time >= span[0]) & (time <= span[1]) & np.isfinite(error)]
@@ -123,16 +131,17 @@ def responses_figure(comparison: Comparison) -> Figure:
         ("load", "position − goal", small, loaded, (-0.05 * end, end), "time after the load (s)"),
         ("move", "position − plan", small, moves, (0.0, float(own.move.response.run.time[-1])), "time (s)"),
     )
-    where = []
+    where: list[str] = []
     for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
         joint, limits = _joint_and_limits(errors, span)
         where.append(f"{run}: {joints[joint]}")
         for axes, group in zip(grid, groups):
-            lines = []
+            lines: list[Line] = []
             for name in (thick.name, *(row.name for row in others if row.kind.group == group)):
                 time, error = errors[name]
                 width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
-                style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, 600)
+                style: LineStyle = {**styles[name], "linewidth": width, "zorder": order}
+                few = thin(time, 600)
                 lines.append(Line(time[few], error[few, joint], name, style))
             Panel(quantity, unit, lines, (0.0,)).draw(axes[k])
             if not k:
@@ -156,7 +165,7 @@ def responses_figure(comparison: Comparison) -> Figure:
 def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> list[Figure]:
     """The arm during the step, under the design and under its best rival; none where one of them has no such run."""
     own = comparison.own.evaluation
-    others = [law for law, _ in laws if law.evaluation is not None and not is_hinf(law.name)]
+    others = [law for law, _ in laws if not is_hinf(law.name)]
     if own is None or not others:
         return []
     rival = others[0]
@@ -179,7 +188,7 @@ def arms_of(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> li
 def small_of(units: Units) -> tuple[str, float]:
     """Unit and factor of a small deviation of a joint that is not known: where joints turn and slide, thousandths."""
     unit, factor = units.small
-    return (unit, factor) if " or " not in unit else ("mrad or mm", 1e3)
+    return ("mrad or mm", 1e3) if " or " in unit else (unit, units.factor_of(factor, units.joints[0]))
 
 
 @house_style()
@@ -202,7 +211,8 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
         front = pareto_front((*law.tried, law.metrics), comparison.criterion)
         curve = np.array([[m.peak_input, scale * m.load_deviation] for m in front]).reshape(-1, 2)
-        axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
+        thin_line: LineStyle = {**style, "linewidth": 1.0, "alpha": 0.7}
+        axis.plot(*curve.T, **thin_line)
         axis.plot(
             *point[:, None],
             marker,
@@ -213,7 +223,7 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
             zorder=4.0,
         )
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
-    legend_above(figure, axis, 4, columnspacing=1.0)
+    legend_above(figure, axis, 4)
     for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
         low, high = 0.7 * values.min(), 1.4 * values.max()
         limit(low, high)

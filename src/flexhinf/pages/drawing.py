@@ -1,6 +1,9 @@
 """Common parts of pages: blocks of a section, figures over time with a line for each joint, units, and numbers,
 poses and robots as text; the tables of the requirements and of the inputs."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import math
@@ -12,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Number
 from flexhinf.copies import shared_out
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.numerals import number, number_text
@@ -23,6 +27,7 @@ from flexhinf.report import (
     Block,
     Column,
     Figure,
+    LineStyle,
     Note,
     Section,
     Table,
@@ -41,6 +46,7 @@ from flexhinf.robot.signals import signal_names
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
+    from numpy.typing import ArrayLike
 
 #: A section of a page: notes first, then its blocks; a figure as the function that draws it, None where there is
 #: nothing to draw. Who reads notes or tables only draws nothing.
@@ -59,10 +65,12 @@ DOTTED = (0, (1.0, 1.6))
 DASHED = (6.0, 3.0)
 
 
-def line_style(place: int) -> dict[str, Any]:
+def line_style(place: int) -> LineStyle:
     """Colour of one joint or law among several; lines are dashed once the colours are used up."""
-    dashed = {} if place < len(SERIES) else {"dashes": (4.0, 2.0)}
-    return {"color": SERIES[place % len(SERIES)], "linewidth": 1.5, **dashed}
+    style: LineStyle = {"color": SERIES[place % len(SERIES)], "linewidth": 1.5}
+    if place >= len(SERIES):
+        style["dashes"] = (4.0, 2.0)
+    return style
 
 
 def thin(time: np.ndarray, points: int = POINTS) -> slice:
@@ -91,6 +99,11 @@ PREFIXES, PREFIXED = {-9: "n", -6: "µ", 6: "M"}, {"rad", "m", "V", "A", "N"}
 TINY, HUGE = 2e-4, 1e6
 
 
+def plain_mark(value: float, place: object = None) -> str:
+    """A number beside an axis as it is; Matplotlib states its `place` too."""
+    return f"{value:g}"
+
+
 def unit_beside(axes: Axes, unit: str) -> str:
     """The unit for the name of a vertical axis, with a prefix or a power of ten where its numbers are tiny or huge."""
     from matplotlib.ticker import ScalarFormatter
@@ -114,7 +127,7 @@ class Line(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     name: str | None
-    style: Mapping[str, Any]
+    style: LineStyle
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +191,7 @@ def draw_figure(
                 # Matplotlib's own labels start its reader of formulas, a quarter of a second; a mark takes 1 ms
                 axis.set_xscale("log")
                 axis.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
-                plain, (low, high) = FuncFormatter(lambda value, _: f"{value:g}"), axis.get_xlim()
+                plain, (low, high) = FuncFormatter(plain_mark), axis.get_xlim()
                 axis.xaxis.set_major_formatter(plain)
                 axis.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
                 axis.xaxis.set_minor_formatter(NullFormatter() if high > 30.0 * low else plain)
@@ -219,7 +232,7 @@ def joint_panel(
         for k, name in enumerate(joints if len(joints) > 1 or plan is None else ["link"])
     ]  # fmt: skip
     if plan is not None:
-        style = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
+        style: LineStyle = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
         lines += [
             Line(time[few], x, None if k else plan_name, style) for k, x in enumerate(plan[few][:, kept].T)
         ]
@@ -263,12 +276,12 @@ def single_line(text: str) -> str:
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
+def legend_above(figure: Canvas, axes: Axes, columns: int) -> None:
     """Add the legend of one panel above all of them, in so many columns at most as fit."""
     handles, names = axes.get_legend_handles_labels()
     wrapped, fit = fitted(names, 72.0 * figure.get_figwidth() - 10.0, columns)
-    look = {"loc": "outside upper left", "ncols": fit, "frameon": False, "columnspacing": 1.0}
-    figure.legend(handles, wrapped, **{**look, "handletextpad": 0.5, **options})
+    place = "outside upper left"
+    figure.legend(handles, wrapped, loc=place, ncols=fit, frameon=False, columnspacing=1.0, handletextpad=0.5)
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
@@ -378,7 +391,7 @@ class Units:
         there = (turning, not all(self.slides)), (sliding, any(self.slides))
         return " or ".join(unit for unit, exists in there if exists)
 
-    def _factor(self, turning: float, sliding: float) -> Any:
+    def _factor(self, turning: float, sliding: float) -> Number:
         factors = [sliding if slides else turning for slides in self.slides]
         return factors[0] if len(set(factors)) == 1 else np.array(factors)
 
@@ -388,7 +401,7 @@ class Units:
         slides = len(parts) > 1 and joint in self.joints and self.slides[self.joints.index(joint)]
         return unit if joint not in self.joints else parts[slides]
 
-    def factor_of(self, factor: Any, joint: str) -> float:
+    def factor_of(self, factor: Number, joint: str) -> float:
         """The factor of one joint."""
         return float(np.broadcast_to(factor, len(self.joints))[self.joints.index(joint)])
 
@@ -404,7 +417,7 @@ class Units:
             number_text(self.factor_of(scale, name) * value, self.of(unit, name), digits) for name in names
         )
 
-    def each_text(self, values: Any, unit: str, before: str = "") -> str:
+    def each_text(self, values: ArrayLike, unit: str, before: str = "") -> str:
         """Values (n,) or one for all, in such units already, with those of the joints: ``base ±4 rad/s, quill ±1 m/s``.
 
         `before` stands before each number. One text without the joints where all have the same.
@@ -478,7 +491,7 @@ def listed(texts: Sequence[str]) -> str:
     return " and ".join(part for part in (", ".join(texts[:-1]), *texts[-1:]) if part)
 
 
-def range_text(values: Any, digits: int = 3) -> str:
+def range_text(values: Iterable[float], digits: int = 3) -> str:
     """Range of some numbers as text, or their common value."""
     ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
     return " to ".join(dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))) or "–"
@@ -492,7 +505,7 @@ def effort_text(limits: np.ndarray) -> str:
 
 def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degrees: bool = False) -> str:
     """A pose, for example ``(0.6 rad = 34.4°, 0.1 m)``; degrees first where the user gave degrees."""
-    texts = []
+    texts: list[str] = []
     for value, sliding in zip(values, slides, strict=True):
         text, turned = number(float(value) + 0.0), f"{number(math.degrees(value) + 0.0, 3)}°"
         both = f"{text} rad = {turned}" if value else "0"
@@ -524,7 +537,7 @@ def rounded(value: float | None, digits: int = 3) -> float | None:
     return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
 
 
-def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str]) -> str:
+def changes_text(values: Mapping[str, object], robot: Robot, extras: Sequence[str]) -> str:
     """A robot within its tolerances by its numbers furthest from nominal: ``stiffness −12 %, payload mass hand 2 kg``.
 
     `values` are as `Robot.draw` and `Robot.corner` give them; numbers of extras that the true plant leaves out do not
@@ -562,7 +575,7 @@ def joint_table(
         columns, records = units.by_joint(columns, records)
         columns = (Column("joint", key="joint"), *columns)
         return Table.of(columns, records, caption, name, stacks=True, title=title)
-    rows = []
+    rows: list[tuple[str, object]] = []
     for column, value in zip(columns, Table.of(columns, records).rows[0]):
         if isinstance(value, (int, float)):
             value = number_text(float(value), column.unit)

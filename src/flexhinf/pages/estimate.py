@@ -6,11 +6,11 @@ import csv
 import io
 import shlex
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.identification.consistency import SMALL_CORRELATION, OutputConsistency
+from flexhinf.identification.consistency import SMALL_CORRELATION, OutputConsistency, SquaredError
 from flexhinf.numerals import number, number_text
 from flexhinf.pages.drawing import Blocks, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate_figures import (
@@ -23,7 +23,7 @@ from flexhinf.pages.estimate_figures import (
 )
 from flexhinf.pages.log_findings import finding_numbers, finding_section, finding_texts
 from flexhinf.pages.page import files_section
-from flexhinf.pages.settings import robot_rows, settings_in_groups
+from flexhinf.pages.settings import Rows, robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
 from flexhinf.report import (
     Cell,
@@ -39,6 +39,7 @@ from flexhinf.report import (
     house_style,
     to_json,
 )
+from flexhinf.validation import extra_package
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -140,7 +141,7 @@ def _neighbours(output: OutputConsistency) -> float:
     return float(test.correlations[0]) if test is not None and large else 0.0
 
 
-def _nees_text(nees: Any) -> str:
+def _nees_text(nees: SquaredError) -> str:
     relation = {
         "as expected": "as large as the filter says",
         "larger": f"{number(nees.factor, 3)} times larger than the filter says",
@@ -152,7 +153,7 @@ def _nees_text(nees: Any) -> str:
 # Tables ------------------------------------------------------------------------------------------------
 def innovation_table(result: FilteredLog) -> Table:
     """A row for each measured signal: how large its innovations are, and how related."""
-    rows = []
+    rows: list[Sequence[object]] = []
     for output in result.judged.outputs:
         test = output.whiteness
         fits = 1.0 / 1.1 < output.factor < 1.1
@@ -198,7 +199,7 @@ def log_table(result: FilteredLog) -> Table:
     log = result.log
     steps = 1e3 * np.diff(log.times)
     usual, shortest, longest = (number(float(find(steps))) for find in (np.median, np.min, np.max))
-    rows: list[Any] = [
+    rows: list[Sequence[object]] = [
         ("samples", str(len(log))),
         ("duration", f"{number(float(log.times[-1] - log.times[0]))} s"),
         ("time between samples", f"{usual} ms, from {shortest} to {longest} ms"),
@@ -262,7 +263,7 @@ def estimate_page(
     )
 
 
-def _filter_rows(result: FilteredLog) -> list[tuple[Any, ...]]:
+def _filter_rows(result: FilteredLog) -> Rows:
     filter, sources = result.filter, result.sources
     noise = filter.measurement_noise
     start = zip(filter.plant.states, filter.initial.mean, strict=True)
@@ -303,18 +304,22 @@ def _key_numbers(result: FilteredLog) -> list[KeyNumber]:
     return numbers
 
 
-def innovation_numbers(result: FilteredLog) -> dict[str, Any]:
+def innovation_numbers(result: FilteredLog) -> dict[str, object]:
     """What decides whether innovations fit, for the JSON of a page."""
     judged = result.judged
 
-    def of(error: Any) -> dict[str, Any] | None:
-        return error and {
-            "mean": error.mean,
-            "interval": error.interval,
-            "factor": error.factor,
-            "samples": error.samples,
-            "judgement": error.judgement,
-        }
+    def of(error: SquaredError | None) -> dict[str, object] | None:
+        return (
+            None
+            if error is None
+            else {
+                "mean": error.mean,
+                "interval": error.interval,
+                "factor": error.factor,
+                "samples": error.samples,
+                "judgement": error.judgement,
+            }
+        )
 
     return {
         "nis": of(judged.nis),
@@ -343,7 +348,7 @@ def innovation_numbers(result: FilteredLog) -> dict[str, Any]:
     }
 
 
-def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
+def estimate_numbers(result: FilteredLog) -> dict[str, object]:
     """Every number of the page, for estimate.json."""
     log, filter, data = result.log, result.filter, result.data
     last = data.isel(time=-1)
@@ -410,10 +415,12 @@ def estimate_files(
     names = [f"estimate.{table}", "estimate.json"]
     columns = estimate_table(result.data)
     if table == "parquet":
-        from pyarrow import BufferOutputStream, parquet, table as arrow
-
-        stream = BufferOutputStream()
-        parquet.write_table(arrow(columns), stream)
+        arrow, parquet = (
+            extra_package(name, "log", "Estimates in Parquet need another package.")
+            for name in ("pyarrow", "pyarrow.parquet")
+        )
+        stream = arrow.BufferOutputStream()
+        parquet.write_table(arrow.table(columns), stream)
         written: str | bytes = stream.getvalue().to_pybytes()
     else:
         text = io.StringIO()

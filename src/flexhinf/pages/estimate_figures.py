@@ -1,10 +1,13 @@
 """Figures of a filtered log: innovations, NIS and NEES along it, measured signals, estimates with their bands."""
 
+# Not checked strictly: parts of Matplotlib have no types, SciPy has none.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +16,7 @@ from flexhinf.identification import Log, LogFinding
 from flexhinf.identification.consistency import CONFIDENCE, DEVIATIONS, Consistency, OutputConsistency
 from flexhinf.numerals import number
 from flexhinf.pages.drawing import Blocks, Line, Panel, SignalUnits, draw_figure, listed, thin
-from flexhinf.report import INK, MUTED, SERIES, legend
+from flexhinf.report import INK, MUTED, SERIES, Figure, LineStyle, legend
 from flexhinf.robot import Robot
 
 if TYPE_CHECKING:
@@ -84,8 +87,8 @@ def _band(
     return draw
 
 
-_DOTS = {"color": INK, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 1.2}
-_LINE = {"color": SERIES[0], "linewidth": 1.3}
+_DOTS: LineStyle = {"color": INK, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 1.2}
+_LINE: LineStyle = {"color": SERIES[0], "linewidth": 1.3}
 
 
 def _window(values: np.ndarray, low: float = 0.0) -> tuple[float, float] | None:
@@ -99,7 +102,7 @@ def _window(values: np.ndarray, low: float = 0.0) -> tuple[float, float] | None:
 
 
 def _signal_panels(result: FilteredLog, part: slice) -> list[Panel]:
-    data, panels = result.data, []
+    data, panels = result.data, list[Panel]()
     time = data["time"].values[part]
     for k, name in enumerate(map(str, data["output_name"].values)):
         scale, unit = result.units.of(name)
@@ -128,10 +131,10 @@ def _numbered(name: str, place: int) -> str:
     return name if place == 0 else f"{name}-{place + 1}"
 
 
-def _in_figures(panels: Sequence[Panel], name: str, caption: str, title: str) -> list[Callable[[], Any]]:
+def _in_figures(panels: Sequence[Panel], name: str, caption: str, title: str) -> list[Callable[[], Figure]]:
     """Figures of a few panels each, drawn when they are called."""
 
-    def figure(part: slice, place: int) -> Callable[[], Any]:
+    def figure(part: slice, place: int) -> Callable[[], Figure]:
         return lambda: draw_figure(_numbered(name, place), panels[part], caption, title)
 
     return [figure(part, place) for place, part in enumerate(_groups(len(panels)))]
@@ -166,7 +169,7 @@ def measured_blocks(result: FilteredLog) -> Blocks:
 
 def innovation_blocks(result: FilteredLog) -> Blocks:
     """Innovations with their bands, NIS along the log, and correlations."""
-    data, panels, related = result.data, [], []
+    data, panels, related = result.data, list[Panel](), list[Panel]()
     time = data["time"].values
     for k, output in enumerate(result.judged.outputs):
         scale, unit = result.units.of(output.name)
@@ -229,7 +232,7 @@ def _correlation_panel(output: OutputConsistency, named: bool) -> Panel:
             legend(axes)
 
     size = 1.15 * max(float(np.abs(test.correlations).max()), 2.0 * test.bound)
-    style = {**_DOTS, "color": SERIES[0], "markersize": 7.0}
+    style: LineStyle = {**_DOTS, "color": SERIES[0], "markersize": 7.0}
     return Panel(
         signal_label(output.name),
         "",
@@ -272,14 +275,14 @@ def _average_panel(name: str, time: np.ndarray, squared: np.ndarray, degrees: np
 
 def estimate_blocks(result: FilteredLog) -> Blocks:
     """Estimates of all states with their bands; true and measured values beside them."""
-    data, panels = result.data, []
+    data, panels = result.data, list[Panel]()
     time, plant, truth = data["time"].values, result.filter.plant, result.log.truth
     few, smoothed = thin(time), "smoothed" in data
     for k, name in enumerate(plant.states):
         scale, unit = result.units.of(name)
         estimate = scale * data["estimate"].values[:, k]
         deviation = scale * data["standard_deviation"].values[:, k]
-        lines, seen = [], [estimate]
+        lines, seen = list[Line](), [estimate]
         if name in plant.outputs:
             y = scale * result.log.outputs[:, plant.outputs.index(name)]
             known = np.isfinite(y)
@@ -290,7 +293,7 @@ def estimate_blocks(result: FilteredLog) -> Blocks:
             best = scale * data["smoothed"].values[:, k]
             lines.append(Line(time[few], best[few], "smoothed", {"color": SERIES[2], "linewidth": 1.3}))
         if truth is not None and np.isfinite(truth[:, k]).any():
-            style = {"color": SERIES[1], "linewidth": 1.3, "dashes": (3.0, 2.0)}
+            style: LineStyle = {"color": SERIES[1], "linewidth": 1.3, "dashes": (3.0, 2.0)}
             lines.append(Line(time[few], scale * truth[few, k], "true", style))
             seen.append(scale * truth[:, k])
         usual = 2.0 * float(np.median(deviation))

@@ -10,7 +10,7 @@ from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 import tomlkit
@@ -18,10 +18,11 @@ import tomlkit
 from flexhinf.analysis import Margins
 from flexhinf.design import design_file
 from flexhinf.design.advice import Advice
+from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.pipeline import ComparedLaw, Comparison
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import ROBOT
+from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.result import Design
 from flexhinf.design.stored import StoredReport, requirement_numbers
 from flexhinf.design.tuning import best_rival, pareto_front
@@ -44,6 +45,9 @@ from flexhinf.pages.workspace_summary import every_requirement, workspace_ending
 from flexhinf.report import Page, finite, to_json, write
 from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.saved_file import robot_text
+
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
 ENDING = "nc"
@@ -79,7 +83,7 @@ def design_files(
 
 
 class _Parts(NamedTuple):
-    numbers: dict[str, Any]  # of design.json
+    numbers: dict[str, object]  # of design.json
     runs: dict[str, Trajectory]  # by name
     proofs: dict[str, str]  # files by name
     page: Callable[[Sequence[str]], Page]  # which lists these files
@@ -97,7 +101,7 @@ def _parts_of(
         return _Parts(workspace_numbers(evidence), moves, proofs, page)
     e, proof = evidence.evaluation, evidence.proof
     responses = {
-        **_picked(e, RUNS),
+        **_responses(e),
         **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)},
         **({} if evidence.mujoco is None else {"step-mujoco": evidence.mujoco}),
     }
@@ -109,6 +113,11 @@ def _parts_of(
     page = partial(design_page, evidence, command, warnings)
     runs = {name: response.run for name, response in responses.items()}
     return _Parts(design_numbers(evidence), runs, proofs, page)
+
+
+def _responses(e: LawEvaluation) -> dict[str, Response]:
+    """Runs of the nominal robot by name."""
+    return {"step": e.step, "load": e.load_response.response, "move": e.move.response}
 
 
 def _evidence_of(design: Design) -> PoseEvidence | WorkspaceEvidence:
@@ -138,7 +147,8 @@ def comparison_files(
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
-        for name, response in _picked(row.evaluation, RUNS).items()
+        if row.evaluation is not None
+        for name, response in _responses(row.evaluation).items()
     }
     numbers = comparison_numbers(comparison, verdict)
     files = {"comparison.json": to_json(numbers), **_saved(saved)}
@@ -181,7 +191,7 @@ def _design_file(design: Design, folder: str | Path) -> tuple[dict[str, str | by
     return {}, {}
 
 
-def details(design: Design) -> tuple[list[Any], list[str], str]:
+def details(design: Design) -> tuple[list[Terminal], list[str], str]:
     """Every table, note and sentence of a design for a terminal."""
     evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
@@ -232,7 +242,7 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     return tomlkit.dumps(document)
 
 
-def _result_of(design: Design) -> dict[str, Any]:
+def _result_of(design: Design) -> dict[str, object]:
     evidence = design.evidence
     if isinstance(evidence, StoredReport):
         return dict(evidence.result)
@@ -243,15 +253,16 @@ def _result_of(design: Design) -> dict[str, Any]:
 
 
 # Numbers ------------------------------------------------------------------------------------------------
-def _result(design: PoseEvidence) -> dict[str, Any]:
+def _result(design: PoseEvidence) -> dict[str, object]:
     problem, evaluation = design.design_problem, design.evaluation
     samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
         None if callable(problem.penalty.states) else design_file.plain("penalty", problem.penalty.states)
     )
     if isinstance(weights, list):  # by name
-        rows = bool(weights) and isinstance(weights[0], list)
-        weights = {"rows": weights} if rows else dict(zip(design.problem.state_names, weights))
+        entries = cast("list[object]", weights)
+        rows = bool(entries) and isinstance(entries[0], list)
+        weights = {"rows": entries} if rows else dict(zip(design.problem.state_names, entries))
     return {
         "verdict": verdict(design),
         **_picked(design, "met preset=design_problem.preset goal start gamma_star gamma"),
@@ -273,7 +284,7 @@ def _result(design: PoseEvidence) -> dict[str, Any]:
     }
 
 
-def _picked(value: Any, keys: str) -> dict[str, Any]:
+def _picked(value: object, keys: str) -> dict[str, object]:
     """Collect attributes of an object by the names in `keys`; ``key=path`` for another key or a nested attribute."""
     return {
         key: attrgetter(path or key)(value) for key, _, path in (word.partition("=") for word in keys.split())
@@ -292,12 +303,11 @@ SAMPLES = (
 )
 BUDGET = """part=name added spent=budget.total start=budget.start level=budget.level left=budget.left
     kept=budget.kept"""
-RUNS = "step load=load_response.response move=move.response"
 RUN = "diverged_at_s=diverged_at joints=metrics"
 LOADED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
 
-def design_numbers(design: PoseEvidence) -> dict[str, Any]:
+def design_numbers(design: PoseEvidence) -> dict[str, object]:
     """Numbers of design.json."""
     e, s, attained, limit_cycle = (
         design.evaluation,
@@ -406,7 +416,7 @@ def design_numbers(design: PoseEvidence) -> dict[str, Any]:
     return finite(numbers)
 
 
-def _requirements(lines: Iterable[Requirement]) -> list[dict[str, Any]]:
+def _requirements(lines: Iterable[Requirement]) -> list[dict[str, object]]:
     keys = "what found unit at_most where met within_tolerance asked=limit at_s=at"
     return [
         {**_picked(x, keys), **requirement_numbers(x), "asked_for": x.stated_by not in ("default", ROBOT)}
@@ -414,12 +424,12 @@ def _requirements(lines: Iterable[Requirement]) -> list[dict[str, Any]]:
     ]
 
 
-def _margins(m: Margins) -> dict[str, Any]:
+def _margins(m: Margins) -> dict[str, object]:
     pairs = m.gain_margins
     return {**_picked(m, MARGINS), "gain_margins": pairs[0] if len(pairs) == 1 else pairs}
 
 
-def _weights(design: PoseEvidence) -> dict[str, Any]:
+def _weights(design: PoseEvidence) -> dict[str, object]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
     tried = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
@@ -446,7 +456,7 @@ def _weights(design: PoseEvidence) -> dict[str, Any]:
     }
 
 
-def _estimator_noise(design: PoseEvidence) -> dict[str, Any]:
+def _estimator_noise(design: PoseEvidence) -> dict[str, object]:
     search, tried = design.synthesis.noise_search, []
     if search is not None:
         tried = sorted(
@@ -460,7 +470,7 @@ def _estimator_noise(design: PoseEvidence) -> dict[str, Any]:
     }
 
 
-def compared_details(comparison: Comparison | WorkspaceComparison) -> tuple[list[Any], list[str], str]:
+def compared_details(comparison: Comparison | WorkspaceComparison) -> tuple[list[Terminal], list[str], str]:
     """Tables, notes and the rule of a comparison, for a terminal."""
     if isinstance(comparison, WorkspaceComparison):
         return laws_details(comparison)
@@ -479,7 +489,7 @@ def compared_ending(comparison: Comparison | WorkspaceComparison, verdict: Desig
     )
 
 
-def comparison_numbers(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) -> dict[str, Any]:
+def comparison_numbers(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) -> dict[str, object]:
     """Numbers of comparison.json; metrics by the keys of `LawEvaluation.metrics`."""
     criterion, runs = comparison.criterion, comparison.scenario
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
@@ -520,7 +530,7 @@ def comparison_numbers(comparison: Comparison, verdict: DesignVerdict = UNKNOWN)
     return finite(numbers)
 
 
-def _law(row: ComparedLaw) -> dict[str, Any]:
+def _law(row: ComparedLaw) -> dict[str, object]:
     e, metrics = row.evaluation, row.metrics
     return {
         **_picked(row, "name what=kind.description"),

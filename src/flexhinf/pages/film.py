@@ -3,16 +3,19 @@
 What stands still is drawn once; a frame draws what moves on top of it.
 """
 
+# Not checked strictly: parts of Matplotlib have no types, imageio_ffmpeg has none.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import os
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import IO, TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
@@ -24,13 +27,17 @@ from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.numerals import number
 from flexhinf.pages.design.step import viewing_plane
 from flexhinf.pages.drawing import DOTTED, framed, line_style
-from flexhinf.report import GRID, INK, MUTED, SERIES, house_style
+from flexhinf.report import GRID, INK, MUTED, SERIES, LineStyle, house_style
 from flexhinf.robot.kinematics import magnification, skeleton
 from flexhinf.robot.signals import signal_names
 from flexhinf.validation import checked_path, install_advice
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Rectangle
+    from matplotlib.text import Text
 
 
 #: By ending: frames per second and pixels of an inch, of a picture of 12.8 by 7.2 inches.
@@ -191,7 +198,7 @@ class ArmFilm:
 
     def hands(self, k: int) -> list[np.ndarray]:
         """For each joint three points at sample k: on its link, the joint, and on its motor's hand."""
-        hands, own = [], self.arm(self.links[k])
+        hands, own = list[np.ndarray](), self.arm(self.links[k])
         for j, turned in enumerate(self.factor * self.windup[k]):
             pose = self.links[k].copy()
             pose[j] += turned
@@ -215,7 +222,7 @@ PLACE, PICTURE = (0.07, 0.085, 0.435, 0.76), (12.8, 7.2)
 ZERO, BAR = 0.75, 0.13
 
 #: What moves in a part of the picture, in the order of drawing, and the function that moves it to a sample.
-Moving = tuple[list[Any], Callable[[int], None]]
+Moving: TypeAlias = "tuple[Sequence[Artist], Callable[[int], None]]"
 
 
 def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
@@ -264,7 +271,8 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
         for artist in moving:
             artist.set_animated(True)
         canvas.draw()
-        still, renderer = canvas.copy_from_bbox(figure.bbox), canvas.get_renderer()
+        still = cast("object", canvas.copy_from_bbox(figure.bbox))
+        renderer = canvas.get_renderer()
         for k in (
             np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int).tolist()
         ):
@@ -291,14 +299,21 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
     first, dashes = film.arm(film.links[0]), (0, (3.0, 1.6))
     axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1, alpha=0.5)
 
-    def line(colour: str, width: float, zorder: int, **style: Any) -> Any:
-        return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, **style)[0]
+    def line(
+        colour: str,
+        width: float,
+        zorder: int,
+        alpha: float | None = None,
+        style: str | tuple[float, tuple[float, float]] = "-",
+    ) -> Line2D:
+        return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, alpha=alpha, linestyle=style)[
+            0
+        ]
 
-    goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
+    goal = [line(SERIES[2], 2.2, 2, alpha=0.55, style=dashes) for _ in first]
     (aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
     trail = line(SERIES[0], 1.4, 2, alpha=0.35)
-    fan = {"color": SERIES[1], "alpha": 0.25, "zorder": 3, "lw": 0}
-    fans = [axes.fill([0, 0, 0], [0, 0, 0], **fan)[0] for _ in first]
+    fans = [axes.fill([0, 0, 0], [0, 0, 0], color=SERIES[1], alpha=0.25, zorder=3, lw=0)[0] for _ in first]
     links = [line(SERIES[0], width, 4, alpha=0.9) for width in np.linspace(9.0, 5.0, len(first)).tolist()]
     motors = [line(SERIES[1], 2.6, 5) for _ in first]
     (joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
@@ -320,7 +335,7 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
         # The last second.
-        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(int)
+        past = np.linspace(int(np.searchsorted(film.time, float(film.time[k]) - 1.0)), k, 24).astype(int)
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move
@@ -330,16 +345,23 @@ def _draw_lines(
     axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
 ) -> Moving:
     values, few = positions * film.scale, max(1, len(film.time) // 800)
-    artists, single = [], values.shape[1] == 1
+    artists: list[Line2D] = []
+    single = values.shape[1] == 1
     for j, column in enumerate(values.T):
         style = line_style(j)
         if single:
             style["color"] = SERIES[0 if command is not None else 1]
-        axes.plot(film.time[::few], column[::few], **{**style, "alpha": 0.22})
-        artists += axes.plot([], [], **{**style, "linewidth": 2.0})
+        faint: LineStyle = {**style, "alpha": 0.22}
+        bold: LineStyle = {**style, "linewidth": 2.0}
+        axes.plot(film.time[::few], column[::few], **faint)
+        artists += axes.plot([], [], **bold)
         artists += axes.plot([], [], "o", color=style["color"], markersize=4.5)
         if command is not None:
-            dotted = {"color": SERIES[2] if single else style["color"], "linewidth": 1.2, "linestyle": DOTTED}
+            dotted: LineStyle = {
+                "color": SERIES[2] if single else style["color"],
+                "linewidth": 1.2,
+                "linestyle": DOTTED,
+            }
             axes.plot(film.time[::few], command[::few, j], **dotted)
     axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
     axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
@@ -364,24 +386,24 @@ def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
     places, alignments = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
     for head, x, side in zip(heads, places, alignments, strict=True):
         axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
-    rows: list[tuple[Any, ...]] = []
+    rows: list[tuple[Rectangle, list[Text]]] = []
     for j, name in enumerate(film.robot.joint_names):
         colour = SERIES[0] if n == 1 else line_style(j)["color"]
         short = name if len(name) <= 14 else f"{name[:13]}…"
         axes.text(0.0, j, short, va="center", fontsize=9.5, weight="bold", color=colour)
         axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
         axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
-        (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
-        texts = (axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0))
-        rows.append((bar, *texts))
+        bar = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2).patches[0]
+        texts = [axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0)]
+        rows.append((bar, texts))
 
     def move(k: int) -> None:
         columns = [values[k] * film.scale for values in (film.links, film.motors, film.windup)]
-        for j, (bar, *texts, last) in enumerate(rows):
+        for j, (bar, (*texts, last)) in enumerate(rows):
             unit, u = " mm" if film.slides[j] else "°", float(film.inputs[k, j])
             for text, values, decimals in zip(texts, columns, (2, 2, 3), strict=True):
                 text.set_text(f"{number(float(values[j]), decimals=decimals)}{unit}")
             bar.set_width(BAR * float(np.clip(u / full[j], -1.0, 1.0)))
             last.set_text(number(u, decimals=2 if full[j] < 100.0 else 1))
 
-    return [artist for row in rows for artist in row], move
+    return [artist for bar, texts in rows for artist in (bar, *texts)], move

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class IdentifiedRobot:
     extras: tuple[str, ...] = ()
     second: OutputError | None = None
     causes: tuple[Explanation, ...] = ()
-    late: Mapping[str, int] = field(default_factory=dict)
+    late: Mapping[str, int] = field(default_factory=dict[str, int])
 
     @property
     def likelier(self) -> Alternative | None:
@@ -120,13 +119,13 @@ def _undecided_texts(result: IdentifiedRobot) -> Iterator[str]:
     if not found.undecided:
         return
     whats = dict.fromkeys((each.signal, each.kind, each.samples > 0) for each in found.undecided)
-    how = {
+    how: dict[str, Callable[[bool], str]] = {
         "late": lambda later: f"comes {'later' if later else 'earlier'} than its row says",
         "moving": lambda _: "moves between rows",
         "sign": lambda _: "has the other sign",
     }
     texts = [f"{signal} {how[kind](later)}" for signal, kind, later in whats]
-    ranges = []
+    ranges: list[str] = []
     for name, value in found.values.items():
         others = [each.values[name] for each in found.undecided]
         if name not in found.hidden:
@@ -261,7 +260,7 @@ def _advice(result: IdentifiedRobot) -> list[str]:
 
 def identified_table(result: IdentifiedRobot) -> Table:
     """A row for each number: as stated, as found, with its interval."""
-    found, rows = result.found, []
+    found, rows = result.found, list[Sequence[object]]()
     for name, value in found.values.items():
         stated, error = result.stated[name], found.standard_errors[name]
         clear = name not in found.hidden
@@ -306,7 +305,7 @@ def identified_ending(result: IdentifiedRobot, notes: Sequence[str] = ()) -> End
 
 def noise_table(result: IdentifiedRobot) -> Table:
     """Levels of the noises that were found beside."""
-    found, rows = result.found, []
+    found, rows = result.found, list[Sequence[object]]()
     for name, level in found.noise.items():
         measured = name in found.plant.outputs
         scale, unit = display_scale(found.noise_units[name], result.filtered.degrees)
@@ -504,7 +503,7 @@ def identified_page(
     )
 
 
-def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
+def identified_numbers(result: IdentifiedRobot) -> dict[str, object]:
     """Every number of the page, for identify.json."""
     found = result.found
     return finite(

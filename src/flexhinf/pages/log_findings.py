@@ -20,6 +20,7 @@ from flexhinf.report import (
     Column,
     Figure,
     KeyNumber,
+    LineStyle,
     Page,
     Paragraph,
     Provenance,
@@ -97,7 +98,7 @@ def checked_verdict(findings: Sequence[LogFinding]) -> str:
 
 def checked_log_ending(findings: Sequence[LogFinding]) -> Ending:
     """What a terminal says of a log that was checked: each finding with what to try, and the verdict."""
-    texts = []
+    texts: list[str] = []
     for finding in findings:
         behind = f"{numbers_sentence(finding)}{place_text(finding)} {finding.advice.replace('`', '')}"
         texts.append(wrapped(f"{finding.severity}: {finding.what}{behind}".strip()))
@@ -155,7 +156,7 @@ def _signals(log: Log, robot: Robot, findings: Sequence[LogFinding], degrees: bo
     }
     named = dict.fromkeys(finding.signal for finding in above_note(findings))
     order = [*(name for name in named if name in tables), *(name for name in tables if name not in named)]
-    panels = []
+    panels: list[Panel] = []
     for name in order[:MOST_PANELS]:
         (scale, unit), few = units.of(name), thin(log.times)
         values = scale * tables[name]
@@ -163,7 +164,7 @@ def _signals(log: Log, robot: Robot, findings: Sequence[LogFinding], degrees: bo
         for finding in above_note(findings):
             if finding.rows is not None and finding.signal in (name, "time"):
                 ends = np.clip(finding.rows, 0, len(log) - 1)
-                mark = {"color": INK, "linestyle": "", "marker": "o", "markersize": 4.0}
+                mark: LineStyle = {"color": INK, "linestyle": "", "marker": "o", "markersize": 4.0}
                 lines.append(Line(log.times[ends], values[ends], finding.kind, mark))
         panels.append(Panel(signal_label(name), unit, lines))
     marked = any(len(panel.lines) > 1 for panel in panels)

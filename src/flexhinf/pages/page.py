@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -53,6 +53,9 @@ from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.actuators import published_gears, published_joints
 from flexhinf.robot.gears import CURVE
 
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
+
 #: Kinds of requirements that a sentence names.
 BRIEF = 6
 
@@ -70,7 +73,7 @@ def requirements(design: PoseEvidence) -> Blocks:
         yield Paragraph(
             "No bandwidth is required, and of damping only what every loop needs: they result from the given weights."
         )
-    limits, rows = design.setup.limits, []
+    limits, rows = design.setup.limits, list[Sequence[object]]()
     several, limited = len(design.setup.joints) > 1, limits.limits_effort
     for row in input_rows(design):
         limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
@@ -99,7 +102,7 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
     groups: dict[str, list[Requirement]] = {}
     for line in sorted(lines, key=lambda line: (not line.missed, line.met)):
         groups.setdefault(line.where, []).append(line.converted(degrees))
-    rows: list[Any] = []
+    rows: list[Sequence[object]] = []
     for where, group in groups.items():
         rows.append(where)
         for line in group:
@@ -127,7 +130,16 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
     )
 
 
-def input_rows(design: PoseEvidence) -> list[dict[str, Any]]:
+class InputRow(TypedDict):
+    """The largest input of a run, its unit and joint; no joint where the run diverged."""
+
+    what: str
+    value: float
+    joint: str
+    unit: str
+
+
+def input_rows(design: PoseEvidence) -> list[InputRow]:
     """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
     e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
     runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
@@ -143,7 +155,7 @@ def input_rows(design: PoseEvidence) -> list[dict[str, Any]]:
         ("load response: torques on the links", e.load_response.response),
         ("sensor noise in equilibrium (rms)", e.input_noises),
     )
-    rows, effort = [], setup.limits.effort
+    rows, effort = list[InputRow](), setup.limits.effort
     for what, run in ((what, run) for what, run in runs if run is not None):
         inputs = run.inputs if isinstance(run, Response) else np.asarray(run, dtype=float)
         cut = " (until it diverged)" if isinstance(run, Response) and run.diverged_at is not None else ""
@@ -168,17 +180,17 @@ class Part(NamedTuple):
 #: Sections by their anchors, in the order of the page. Runs, margins and what is for experts are folded.
 PARTS = {
     "specification": Part("Requirements", requirements, True),
-    "step": Part("Step response", lambda design: step.step(design.evaluation, design.mujoco), True),
-    "draws": Part("Robots within their tolerances", lambda design: step.samples(design.evaluation)),
+    "step": Part("Step response", step.step, True),
+    "draws": Part("Robots within their tolerances", step.samples),
     "load": Part("Load response", runs.load, group="Other runs"),
     "payload": Part("Payload", runs.payload),
     "ring-down": Part("Ring-down after an impulse", runs.ring_down),
     "move": Part("Planned move", runs.move),
     "rest": Part("Long run at rest", runs.long_run),
     "along": Part("Margins along the move", runs.margins_along, group="Robustness"),
-    "margins": Part("Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
+    "margins": Part("Margins of the running loop", frequency.margins),
     "modes": Part("Poles", law.poles),
-    "corners": Part("Corners of the tolerances", lambda design: frequency.corners(design.evaluation)),
+    "corners": Part("Corners of the tolerances", frequency.corners),
     "weights": Part("Weights", weights.weights, group="Law and proof"),
     "noise": Part("Noise levels of the estimator", weights.noise_levels),
     "region": Part("Region: proved, sampled, dissipation", region.region),
@@ -194,7 +206,7 @@ def design_page(
 
     `command` makes the report again, `warnings` are about the robot's file, and `files` stand beside the page.
     """
-    robot, s, sections = design.robot, design.specification, []
+    robot, s, sections = design.robot, design.specification, list[Section]()
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
     measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
     extras = ", ".join(design.setup.extras).replace("_", " ")
@@ -326,7 +338,7 @@ def requirements_text(lines: Sequence[Requirement], of: str = "") -> str:
 
     `of`: whose requirements they are, where the design has more.
     """
-    texts = []
+    texts: list[str] = []
     for verdict, some in {
         "Not met": [line for line in lines if line.missed],
         "Not judged, because the run ends too soon (--duration)": [line for line in lines if not line.judged],
@@ -364,7 +376,7 @@ def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str
 def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
     """The numbers that matter most, of the nominal robot, with the worst of the sampled ones beside."""
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
-    response, m, samples, numbers = e.step, e.margins, e.step_samples, []
+    response, m, samples, numbers = e.step, e.margins, e.step_samples, list[KeyNumber]()
     for name, metric, value, joint, unit in (
         ("settling time", "settling", rounded(response.settling.value), response.settling.joint, "s"),
         ("overshoot", "overshoot", rounded(response.overshoot.value, 2), response.overshoot.joint, "%"),
@@ -405,7 +417,7 @@ def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
 
 
 # For a terminal of 80 columns --------------------------------------------------------------------------
-def design_tables(design: PoseEvidence) -> list[Any]:
+def design_tables(design: PoseEvidence) -> list[Terminal]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
     return [
         (law.mode_table(design, brief=True) if table.id == "table-modes" else table).terminal()
@@ -415,9 +427,9 @@ def design_tables(design: PoseEvidence) -> list[Any]:
     ]
 
 
-def robots_table() -> Any:
+def robots_table() -> Terminal:
     """Table of the catalogue: what each robot is, and how many of its numbers have a source."""
-    rows = []
+    rows: list[Sequence[object]] = []
     for name in catalogue():
         robot = load_robot(name)
         assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
@@ -430,7 +442,7 @@ def robots_table() -> Any:
     ).terminal()
 
 
-def actuators_table() -> Any:
+def actuators_table() -> Terminal:
     """Table of the published joints: what is known of each, and by whom."""
     rows = [
         (
@@ -445,7 +457,7 @@ def actuators_table() -> Any:
     return Table(("name", "numbers", "", "source"), rows, title).terminal()
 
 
-def gears_table() -> Any:
+def gears_table() -> Terminal:
     """Table of the published gears: the names that share a curve, and the curve."""
     rows = dict[tuple[str, str], list[str]]()
     for name, gear in published_gears().items():

@@ -1,5 +1,8 @@
 """The report of `flexhinf paper`: verdict per claim, what fails first, evidence under each claim, figures, settings."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import math
@@ -35,6 +38,7 @@ from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
+    Block,
     Claim,
     Claims,
     Column,
@@ -368,9 +372,9 @@ def _page(reproduction: Reproduction) -> Page:
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
     def evidence(claims: Sequence[Claim]) -> list[Claim]:  # those that fail first
-        numbered = []
+        numbered: list[Claim] = []
         for claim in by_verdict(claims):
-            blocks: Any = filter(None, (*claim.blocks, reproduction.evidence[claim.id]))
+            blocks = filter(None, (*claim.blocks, reproduction.evidence[claim.id]))
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 
@@ -456,10 +460,11 @@ def _page(reproduction: Reproduction) -> Page:
     )
 
 
-def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> Figure | Table:
+def _numbered(block: Block, counters: Mapping[str, Iterator[int]]) -> Figure | Table:
     if isinstance(block, Table):
         k = next(counters["table"])
         return replace(block, id=f"table-{k}", caption=f"Table {k}. {block.caption}")
+    assert isinstance(block, Figure)
     k = next(counters["figure"])
     return replace(block, id=f"figure-{k}", label=f"Figure {k}")
 

@@ -1,5 +1,8 @@
 """Pictures by which robots and designs show themselves, in a notebook and on the page of a check."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import math
@@ -52,7 +55,8 @@ def robot_picture(robot: Robot) -> Figure | None:
         axes.plot(*(line @ view).T, color=SERIES[0], linewidth=3.2)
     joints = np.array([line[0] for line in lines]) @ view
     axes.plot(*joints.T, "o", color=INK, markersize=4.5)
-    numbered, numbers = len(robot.joint_names) > len(SERIES) - 1, []  # more joints than colours
+    numbers: list[np.ndarray] = []
+    numbered = len(robot.joint_names) > len(SERIES) - 1  # more joints than colours
     for k, (joint, own) in enumerate(zip(robot.joint_names, lines)):
         ends = ((own[-1] @ view, moved[k][k][-1] @ view), (lines[-1][-1] @ view, moved[k][-1][-1] @ view))
         seen_ends = (pair for pair in ends if float(np.linalg.norm(pair[1] - pair[0])) > 1e-3 * size)

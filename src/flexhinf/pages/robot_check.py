@@ -30,7 +30,7 @@ from flexhinf.robot.examination import JointFacts, RobotExamination
 
 def joint_table(joints: Sequence[JointFacts]) -> Table:
     """A row for each joint: its range, mass, weight against its motor, twist and vibrations."""
-    rows = []
+    rows: list[Sequence[object]] = []
     for joint in joints:
         angle, torque, twist = (" mm", "N", "mm") if joint.slides else ("°", "N·m", "mrad")
         scale = 1e3 if joint.slides else math.degrees(1.0)
@@ -107,7 +107,7 @@ def robot_verdict(result: RobotExamination) -> str:
 
 def checked_robot_ending(result: RobotExamination) -> Ending:
     """What a terminal says of a description: its joints, each finding with what to try, and the verdict."""
-    texts = []
+    texts: list[str] = []
     for finding in result.findings:
         advice = f" To try: {finding.advice}." if finding.advice else ""
         behind = f"{place_text(finding)}{numbers_sentence(finding)}{advice.replace('`', '')}"
@@ -118,7 +118,7 @@ def checked_robot_ending(result: RobotExamination) -> Ending:
 
 def _extremes(joints: Sequence[JointFacts]) -> list[KeyNumber]:
     """What decides most about a design: the largest weight, the motor that it uses most of, the softest joint."""
-    keys = []
+    keys: list[KeyNumber] = []
 
     def add(name: str, value: str, unit: str, joint: JointFacts) -> None:
         keys.append(KeyNumber(name, value, unit, joint.name if len(joints) > 1 else ""))

@@ -1,6 +1,9 @@
 """Report of a run of a deployed controller: deadlines, requirements, tracking, effort and the controller's status; as a
 page, in files, and for a terminal."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import shlex
@@ -9,7 +12,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -64,6 +67,9 @@ from flexhinf.report import (
 )
 from flexhinf.robot.signals import signal_names
 
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
+
 #: Places of missed deadlines that are listed, the latest first.
 LISTED = 5
 
@@ -88,7 +94,7 @@ def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
     return not run.trajectory.message and all(line.met for line in prepared.requirements(run))
 
 
-def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
+def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Terminal]:
     """Tables of the requirements, of the metrics of each joint, and of the times of the samples."""
     tables = list[Table]()
     if _tracked(run):
@@ -261,7 +267,7 @@ def run_notes(run: RealTimeRun) -> list[str]:
 
 # Page -----------------------------------------------------------------------------------------------
 def run_files(
-    prepared: DeployedRun, run: RealTimeRun, command: Sequence[str], stated: Mapping[str, Any]
+    prepared: DeployedRun, run: RealTimeRun, command: Sequence[str], stated: Mapping[str, object]
 ) -> dict[str, str | bytes]:
     """Files of a run's report: index.html, run.json with every number of the page, and run.csv with every signal.
 
@@ -278,7 +284,7 @@ def run_page(
     prepared: DeployedRun,
     run: RealTimeRun,
     command: Sequence[str],
-    stated: Mapping[str, Any],
+    stated: Mapping[str, object],
     files: Sequence[str] = (),
 ) -> Page:
     """The page of a run; parameters as for `run_files`, and the names of the files beside it."""
@@ -299,7 +305,7 @@ def run_page(
             )
         if len(timing.time):
             late = f"{int(timing.missed.sum())} of {len(timing.time)} deadlines missed"
-            blocks = [_times_figure(timing), _times_table(timing)]
+            blocks: list[Block] = [_times_figure(timing), _times_table(timing)]
             parts.append(("timing", "Deadlines and jitter", blocks, True, late if timing.real_time else ""))
         if _tracked(run):
             blocks = [_tracking_figure(prepared, run), _joints_table(prepared, run)]
@@ -505,7 +511,7 @@ def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:
     figure = draw_figure("effort", parts, f"Inputs as applied.{_dashed(parts)}", "Inputs")
     low, high = run.input_range
     rows = [
-        (joint, float(peak_of(u)), float(np.sqrt(np.mean(u**2))), float(a) if np.isfinite(a) else None,
+        (joint, float(peak_of(u)), float(np.sqrt(np.square(u).mean())), float(a) if np.isfinite(a) else None,
          float(b) if np.isfinite(b) else None, 100.0 * float(share))
         for joint, u, a, b, share in zip(
             response.joints, response.inputs.T, low, high, _saturated(prepared, run), strict=True
@@ -520,7 +526,7 @@ def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:
 
 def _status(run: RealTimeRun) -> list[Block]:
     """What the controller reported."""
-    count, rows = len(run.status), list[Any]()
+    count, rows = len(run.status), list[Sequence[object]]()
     for bit in Status:
         samples = int(np.sum(run.status & bit > 0))
         first = float(run.trajectory.time[int(np.argmax(run.status & bit > 0))]) if samples else None
@@ -560,7 +566,7 @@ def _highest(values: np.ndarray, points: int = 800) -> np.ndarray:
     return np.array([a + int(np.argmax(values[a:b])) for a, b in pairwise(edges)])
 
 
-def _numbers(prepared: DeployedRun, run: RealTimeRun) -> dict[str, Any]:
+def _numbers(prepared: DeployedRun, run: RealTimeRun) -> dict[str, object]:
     """Every number of the page, SI units."""
     timing, keys = run.timing, ("what", "where", "limit", "found", "unit", "met", "judged")
     lines = judged_requirements(prepared, run)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from flexhinf.robot.springs import SPRING_DAMPING
 _ENDS = re.compile(r" from \([^()]*\) to \([^()]*\) (?=in )")
 
 #: Name, value, unit and source.
-Rows = list[tuple[Any, ...]]
+Rows = list[tuple[str, object, str, str]]
 
 
 def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
@@ -171,7 +170,7 @@ def source_of(s: Specification, name: str, otherwise: str = "") -> str:
 def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
     proved, degrees = synthesis.proved, [c.degree for c in synthesis.choices]
-    counted, last = "for the number of states", list[Any]()
+    counted, last = "for the number of states", Rows()
     if region and proved is None:
         checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
         last = [
@@ -237,6 +236,7 @@ def _estimator(e: LawEvaluation) -> Rows:
 
 def _simulation(e: LawEvaluation) -> Rows:
     s, runs, filter, zone = e.setup.specification, e.scenario, e.loop.filter, e.setup.dead_zone
+    size, unit = ("none", "") if zone is None else _positions(e, zone)
     assert runs is not None
     extras = f", with {', '.join(e.setup.extras)}" if e.setup.extras else ", no extras"
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
@@ -263,7 +263,8 @@ def _simulation(e: LawEvaluation) -> Rows:
         *loop_rows(e.setup),
         (
             "dead zone of the integrals",
-            *(("none", "") if zone is None else _positions(e, zone)),
+            size,
+            unit,
             source_of(s, "integral_dead_zone", "ours: against limit cycles"),
         ),
         (

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,9 @@ from flexhinf.report import Column, KeyNumber, Table
 from flexhinf.report.blocks import WIDTH
 from flexhinf.robot import Robot
 
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
+
 #: A requirement is near its limit where it has at most this share of it to spare.
 NEAR = 0.2
 
@@ -72,7 +75,7 @@ COLUMNS = {
 class Ending(NamedTuple):
     """Tables of a terminal, and the text below them."""
 
-    tables: list[Any]
+    tables: list[Terminal]
     text: str
 
 
@@ -82,7 +85,8 @@ def screen(
     """Paragraphs, below a table of as many rows as leave them room: the first of the `sizes` that does, or the last;
     and as many of the `notes` as there is room for."""
     text = "\n".join(map(wrapped, filter(None, parts)))
-    room, tables = SCREEN - len(text.splitlines()), []
+    tables: list[Terminal] = []
+    room = SCREEN - len(text.splitlines())
     for size in sizes:
         tables = [table(size).terminal()]
         if _height(tables[0]) + bool(notes) <= room:
@@ -117,7 +121,7 @@ def wrapped(text: str) -> str:
     return fill(" ".join(text.split()), WIDTH, break_on_hyphens=False)
 
 
-def _height(table: Any) -> int:
+def _height(table: Terminal) -> int:
     from rich.console import Console
 
     return len(Console(width=WIDTH).render_lines(table))
@@ -228,7 +232,7 @@ def noise_text(setup: LoopPlants) -> str:
     for name, variance in zip(plant.outputs, setup.noise_variances):
         sizes.setdefault(plant.unit(name), []).append(float(np.sqrt(variance)))
     small = {"rad": ("mrad", 1e3), "m": ("mm", 1e3)}
-    texts = []
+    texts: list[str] = []
     for unit, values in sizes.items():
         name, factor = small.get(unit, (unit, 1.0))
         texts.append(f"{range_text([factor * value for value in values])} {name} rms")
@@ -298,7 +302,7 @@ def _brief_table(comparison: Comparison, count: int) -> Table:
     ordered = [comparison.row(law.name) for law, _ in ordered_laws(comparison)]
     others = [law for law in ordered if law is not comparison.tuned_design][: count - 1]
     tables = [law for law in ordered if law is comparison.tuned_design or law in others]
-    rows: list[Any] = [
+    rows: list[Sequence[object]] = [
         (
             law.name,
             _criterion_text(law.tuned),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.design.advice import Advice
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
@@ -44,7 +44,7 @@ from flexhinf.pages.drawing import (
     single_line,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
-from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.settings import Rows, damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.workspace_proof import (
     PAIRS,
     hypotheses,
@@ -250,7 +250,7 @@ def _ends(values: Sequence[float]) -> tuple[str, str]:
     return number(min(values), 4), number(max(values), 4)
 
 
-def _pose_figure(design: WorkspaceEvidence) -> Any:
+def _pose_figure(design: WorkspaceEvidence) -> Figure:
     s = design.specification
     below = f"{number(s.damped_below_limit, 3)} rad/s"
     curves = {f"below {below}": [loop.damping for loop in design.loops]}
@@ -274,12 +274,12 @@ def _pose_figure(design: WorkspaceEvidence) -> Any:
 
 
 def _move_table(design: WorkspaceEvidence) -> Table:
-    rows, units = [], units_in(design)
+    rows, units = list[Sequence[object]](), units_in(design)
     for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
         for name, chosen in (("median", np.median), ("largest", np.max)) if moves else ():
             cells = [f"{which}, {name}"]
             for key, (_, unit, factor) in columns_of(design).items():
-                texts = []
+                texts: list[str] = []
                 for own, places in units.kinds(unit).items():
                     found = float(chosen([row[key] for row in worst_motion(moves, places)]))
                     scaled = found * units.factor_of(factor, units.joints[places[0]])
@@ -307,7 +307,7 @@ def _heads(design: WorkspaceEvidence) -> list[str]:
 def _joint_table(design: WorkspaceEvidence) -> Table:
     """Of each joint the largest number of all moves, and the move."""
     found, units = [move.motion for move in (*design.moves, *design.sampled)], units_in(design)
-    rows = []
+    rows: list[Sequence[object]] = []
     for k, joint in enumerate(design.setup.joints):
         cells = [joint]
         for key, (_, unit, factor) in columns_of(design).items():
@@ -372,7 +372,7 @@ def _worst_move(design: WorkspaceEvidence) -> int:
     return int(np.argmax([row["remaining_error"] for row in worst_motion(moves)]))
 
 
-def _move_figure(design: WorkspaceEvidence) -> Any:
+def _move_figure(design: WorkspaceEvidence) -> Figure:
     """The move in which most error remains."""
     moves, worst = (*design.moves, *design.sampled), _worst_move(design)
     move, joints, units = moves[worst], design.setup.joints, units_in(design)
@@ -504,8 +504,8 @@ def _watched(design: WorkspaceEvidence) -> Paragraph:
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
     own = [units.of(units.angle, joint) for joint in units.joints]
 
-    def away(values: Any, decimals: int = 4) -> str:
-        return units.each_text(units.scale * np.round(values, decimals), units.angle, "±")
+    def away(values: ArrayLike, decimals: int = 4) -> str:
+        return units.each_text(units.scale * np.round(np.asarray(values), decimals), units.angle, "±")
 
     swing = units.each_text(np.round(0.5 * setup.input_swing, 2), units.effort, "±")
     watched = [
@@ -528,7 +528,7 @@ def _watched(design: WorkspaceEvidence) -> Paragraph:
     )
 
 
-def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
+def _sample_rows(design: WorkspaceEvidence) -> Rows:
     """Settings: where the design is judged, by which random numbers."""
     s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.extras)
     units = units_in(design)
@@ -558,7 +558,7 @@ def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
     ]
 
 
-def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
+def workspace_numbers(design: WorkspaceEvidence) -> dict[str, object]:
     """What design.json holds of a controller for a workspace."""
     law, t, run = design.setup.gains, design.robustness, design.power_on
     return {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from flexhinf.report import (
     INK,
     Cell,
     Column,
+    Figure,
     Note,
     Page,
     Paragraph,
@@ -38,6 +39,9 @@ from flexhinf.report import (
     finite,
     house_style,
 )
+
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
 
 #: What laws that meet every requirement are ranked by, and what else is named where a rival has less.
 TRACKING, REMAINING = REQUIREMENTS["tracking"].what, REQUIREMENTS["remaining"].what
@@ -102,7 +106,7 @@ def _value_text(comparison: WorkspaceComparison, row: ComparedController, what: 
 
 def _single(comparison: WorkspaceComparison) -> str:
     """Errors of rivals that are smaller than the design's, the smallest of each kind."""
-    parts = []
+    parts: list[str] = []
     for what in (TRACKING, REMAINING):
         mine = comparison.own.worst(what)
         lines = [
@@ -139,7 +143,7 @@ def _cell(line: Requirement | None, degrees: bool, unit: str = "", limited: bool
 
 
 def _numbers_text(row: ComparedController) -> str:
-    numbers = {} if row.numbers is None else row.numbers
+    numbers: Mapping[str, tuple[float, ...]] = {} if row.numbers is None else row.numbers
     texts = [
         f"{name.replace('_', ' ')} {listed([number(x, 3) for x in values])}"
         for name, values in numbers.items()
@@ -148,7 +152,7 @@ def _numbers_text(row: ComparedController) -> str:
 
 
 def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
-    degrees, rows = _degrees(comparison), []
+    degrees, rows = _degrees(comparison), list[Sequence[object]]()
     heads = [what for what in (TRACKING, REMAINING) if what in comparison.whats]
     units = {what: _unit(comparison, what) for what in heads}
     for row in ordered_rows(comparison):
@@ -209,7 +213,7 @@ def _requirement_rows(comparison: WorkspaceComparison) -> Table:
         for row in laws
     ]
     keys = dict.fromkeys(key for lines in known for key in lines)
-    rows = []
+    rows: list[Sequence[object]] = []
     for key in keys:
         limits = dict.fromkeys(lines[key].converted(degrees).limit_text for lines in known if key in lines)
         name, unlike = f"{key[0]}, {key[1]}" if key[1] else key[0], len(limits) > 1
@@ -228,7 +232,7 @@ def _kind(line: Requirement) -> str:
     return "robots at corners" if "corner" in line.where else ""
 
 
-def _figure(comparison: WorkspaceComparison) -> Any:
+def _figure(comparison: WorkspaceComparison) -> Figure:
     """Tracking errors of all moves, in ascending order; of joints that turn, and of those that slide."""
     judged, panels = comparison.own.judged, list[Panel]()
     assert judged is not None
@@ -252,7 +256,7 @@ def _figure(comparison: WorkspaceComparison) -> Any:
     return draw_figure("laws", panels, caption, "Errors along the moves")
 
 
-def _arms(comparison: WorkspaceComparison) -> list[Any]:
+def _arms(comparison: WorkspaceComparison) -> list[Figure]:
     """The arm in the move of the nominal robot in which a rival errs most, under the design and under that rival."""
     own = comparison.own.judged
     rows = [row for row in comparison.compared if row.judged is not None and row is not comparison.own]
@@ -344,7 +348,7 @@ def laws_page(
     )
 
 
-def laws_numbers(comparison: WorkspaceComparison) -> dict[str, Any]:
+def laws_numbers(comparison: WorkspaceComparison) -> dict[str, object]:
     """Numbers of comparison.json, in SI units; each requirement as in the table [result] of a design file."""
     return finite(
         {
@@ -391,6 +395,6 @@ def laws_ending(comparison: WorkspaceComparison) -> Ending:
     )
 
 
-def laws_details(comparison: WorkspaceComparison) -> tuple[list[Any], list[str], str]:
+def laws_details(comparison: WorkspaceComparison) -> tuple[list[Terminal], list[str], str]:
     """Every requirement of every law, what was not compared, and the rule, for a terminal."""
     return [_requirement_rows(comparison).terminal(wide=True)], laws_notes(comparison), _rule(comparison)

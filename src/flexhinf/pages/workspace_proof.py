@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -343,7 +342,7 @@ def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> End
     return screen(lambda _: _proof_table(proof), [1], parts)
 
 
-def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, Any]:
+def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
@@ -368,7 +367,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, Any]:
     }
 
 
-def error_numbers(errors: Errors) -> dict[str, Any]:
+def error_numbers(errors: Errors) -> dict[str, object]:
     """Errors by the names of a certificate of pairs."""
     return dict(zip(("lower", "upper", "softer", "stiffer"), map(float, errors.numbers)))
 

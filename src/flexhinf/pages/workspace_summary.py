@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Number
 from flexhinf.design.advice import Advice, Trial
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
@@ -333,7 +333,7 @@ def requirements_with_margins(design: WorkspaceEvidence) -> list[Requirement]:
 
 def _starts(design: WorkspaceEvidence) -> str:
     """How far links move by an unknown load at power-on, and by offsets of the encoders, where it is much."""
-    setup, run, texts = design.setup, design.power_on, []
+    setup, run, texts = design.setup, design.power_on, list[str]()
     units, offsets = units_in(design), design.robustness.offsets[1]
     sizes = {
         "at power-on {} in the first second": 0.0 * offsets
@@ -364,7 +364,7 @@ def range_of(design: WorkspaceEvidence) -> str:
 def worst_motion(moves: Sequence[Move], places: Sequence[int] | None = None) -> list[dict[str, float]]:
     """The worst joint of each move, of all or of those at some places, by the keys of `COLUMNS`; NaN where a number
     does not exist, as a ripple without limits of the motors."""
-    rows = []
+    rows: list[dict[str, float]] = []
     for move in moves:
         found = move.motion
         kept = found if places is None or not found else [found[k] for k in places]
@@ -372,7 +372,7 @@ def worst_motion(moves: Sequence[Move], places: Sequence[int] | None = None) -> 
     return rows
 
 
-def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, Any]]:
+def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, Number]]:
     """Those of `COLUMNS` that the robot has: title, unit and factor, small deviations in the units of the joints."""
     small, limited = units_in(design).small, design.setup.limits.limits_effort
     kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}

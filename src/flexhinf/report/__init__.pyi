@@ -24,6 +24,7 @@ from .figure import (
     SERIES as SERIES,
     WIDTH as WIDTH,
     Film as Film,
+    LineStyle as LineStyle,
     figure_to_svg as figure_to_svg,
     fitted as fitted,
     house_style as house_style,

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 
 from flexhinf import __version__
+from flexhinf.arrays import Number
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.numerals import number, short_numbers, unbroken
 from flexhinf.report.figure import LIGHT, Film
@@ -305,7 +306,7 @@ class Column:
     decimals: int | None = None
     digits: int | None = None
     key: str = ""
-    scale: float = 1.0
+    scale: Number = 1.0
     brief: str | None = ""
     right: bool = False
 

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Required, TypedDict
 
 import numpy as np
 
@@ -95,6 +95,20 @@ _STYLE: dict[str, object] = {
 }
 _POWER = re.compile(r"\$\\mathdefault\{(\d+\\times)?(10\^\{[-−]?\d+\}|\d+)\}\$")
 _styled: ContextVar[bool] = ContextVar("styled", default=False)
+
+
+class LineStyle(TypedDict, total=False):
+    """How Matplotlib draws a line, by its own keywords."""
+
+    color: Required[str]
+    alpha: float
+    dashes: tuple[float, float]
+    linestyle: str | tuple[float, tuple[float, float]]
+    linewidth: float
+    marker: str
+    markerfacecolor: str
+    markersize: float
+    zorder: float
 
 
 @contextmanager

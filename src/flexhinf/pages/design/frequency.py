@@ -3,13 +3,14 @@ noise costs, and the corners of the tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.numerals import number
@@ -31,7 +32,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.pages.settings import damping_text
-from flexhinf.report import INK, MUTED, Column, Figure, Paragraph, Table
+from flexhinf.report import INK, MUTED, Column, Figure, LineStyle, Paragraph, Table
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3
@@ -57,8 +58,9 @@ LOOP_CAPTION = "The linearised sampled loop at the goal, with estimator and dela
 
 
 # Margins ------------------------------------------------------------------------------------------------
-def margins(e: LawEvaluation) -> Blocks:
+def margins(design: PoseEvidence) -> Blocks:
     """Margins of the running loop and of state feedback, frequency responses, noise, estimation error."""
+    e = design.evaluation
     m, own, s, joints = e.margins, e.state_margins, e.setup.specification, e.setup.joints
     yield from _margin_notes(e)
     text = (
@@ -173,31 +175,27 @@ def margin_table(e: LawEvaluation) -> Table:
             else ", ".join(number(float(w), 3) for w in m.bandwidth)
         )
 
+    lines: dict[str, Callable[[Margins], str]] = {
+        "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
+        "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
+        "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
+        f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
+        "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
+        "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
+        "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
+        "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
+        "peak complementary": lambda m: number(m.peak_complementary, 3),
+        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
+        "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
+        f"bandwidth{of}, rad/s": bandwidths,
+    }
     return Table(
         (
             "linearised at the goal",
             Column("running loop", brief="true state" if alone else "", right=True),
             *([] if alone else [Column("true state fed back", brief="true state", right=True)]),
         ),
-        [
-            (what, *(value(m) if m.stable else "unstable" for m in loops))
-            for what, value in {
-                "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
-                "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
-                "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
-                f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
-                "disk margin: gain": lambda m: "× {}, × {}".format(
-                    *(number(g, 3) for g in m.disk_gain_margins)
-                ),
-                "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
-                "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
-                "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
-                "peak complementary": lambda m: number(m.peak_complementary, 3),
-                "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
-                "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
-                f"bandwidth{of}, rad/s": bandwidths,
-            }.items()
-        ],
+        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in lines.items()],
         "Margins, the loop broken at the inputs",
         "table-margins",
         title="Margins, linearised at the goal",
@@ -215,7 +213,7 @@ def rms_text(values: np.ndarray, units: Units) -> str:
 def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
     gains, plant, units, joints = e.margins.noise_to_input, e.setup.model, units_of(e), e.setup.joints
     assert e.setup.noise is not None
-    several, rows = len(joints) > 1, []
+    several, rows = len(joints) > 1, list[Sequence[object]]()
     for name, sigma, column in zip(plant.outputs, e.setup.noise.tolist(), gains.T):
         gain, unit, worst = float(column.max()), plant.unit(name), joints[int(np.argmax(column))]
         rows.append(
@@ -261,7 +259,7 @@ def frequency_figures(
 
 
 def _bode(loops: Sequence[Loop], joints: Sequence[str], compliance: Sequence[str]) -> Figure:
-    lines, command, phase, torque = _lines(loops, joints), [], [], dict[str, list[Line]]()
+    lines, command, phase, torque = _lines(loops, joints), list[Line](), list[Line](), dict[str, list[Line]]()
     for name, style, response, joint in lines:
         below = response.frequencies <= 0.97 * np.pi / response.linear.period  # at its end the phase jumps
         hertz = response.frequencies[below] / (2.0 * np.pi)
@@ -323,19 +321,19 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
 
 
 def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
-    lines, closest, distance = [], "", np.inf
+    lines, closest, distance = list[Line](), "", np.inf
     for place, (name, style, response, joint) in enumerate(_lines(loops, joints)):
         opened = response.input_loops[:, joint]
         distance = min(distance, float(np.nanmin(np.abs(1.0 + opened))))
         lines.append(Line(np.real(opened), np.imag(opened), name, {**style, "zorder": 3.0 - 0.01 * place}))
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
-    mark = {"color": INK, "marker": "+", "markersize": 9.0, "linestyle": "none"}
+    mark: LineStyle = {"color": INK, "marker": "+", "markersize": 9.0, "linestyle": "none"}
     lines += [
         Line(np.cos(turn), np.sin(turn), "unit circle", {"color": MUTED, "linewidth": 0.8}),
         Line(np.array([-1.0]), np.array([0.0]), "−1", mark),
     ]
     if len(loops) == 1:
-        dashed = {"color": INK, "linewidth": 1.0, "dashes": DASHED, "zorder": 1.0}
+        dashed: LineStyle = {"color": INK, "linewidth": 1.0, "dashes": DASHED, "zorder": 1.0}
         lines.append(Line(distance * np.cos(turn) - 1.0, distance * np.sin(turn), None, dashed))
         closest = f" The dashed circle about −1 has the smallest distance, {distance:.2f}."
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
@@ -360,7 +358,7 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
 
 def _lines(
     loops: Sequence[Loop], joints: Sequence[str]
-) -> list[tuple[str, dict[str, Any], FrequencyResponse, int]]:
+) -> list[tuple[str, LineStyle, FrequencyResponse, int]]:
     """Name, style, response and joint of each line; of several loops the joint that a torque moves most in the 1st."""
     first = loops[0].response
     if len(loops) == 1:
@@ -380,8 +378,9 @@ def _decibel(values: np.ndarray) -> np.ndarray:
 
 
 # Corners of the tolerances ------------------------------------------------------------------------------
-def corners(e: LawEvaluation) -> Blocks:
+def corners(design: PoseEvidence) -> Blocks:
     """Table of the unstable corners of the tolerances; nothing for a robot without."""
+    e = design.evaluation
     cases, state = e.corners, e.state_corners
     if cases is None:
         return
@@ -492,7 +491,7 @@ def corner_table(e: LawEvaluation) -> Table:
         rate = number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"
         return f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0", rate
 
-    by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
+    by, cells = {(row["form"], row["ratio"]): row for row in rows}, list[Sequence[object]]()
     for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):
         exponent = round(float(np.log10(ratio)))
         power = number(10.0**exponent, 1).removeprefix("1·") if abs(exponent) > 3 else number(ratio)

@@ -1,9 +1,11 @@
 """The law: its poles, equilibrium at the goal and linear part; and the rigid design on the same robot."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from flexhinf.pages.drawing import (
     thin,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, finite
+from flexhinf.report import MUTED, SERIES, Column, Figure, LineStyle, Listing, Paragraph, Table, finite
 from flexhinf.robot.modes import Mode
 from flexhinf.scalars.spectral import damping_ratio
 
@@ -49,7 +51,7 @@ AXIS_STEPS = 2.5
 
 # Poles --------------------------------------------------------------------------------------------------
 #: Poles (1/s) of a loop: its name, and how Matplotlib draws them.
-PoleGroup = tuple[str, np.ndarray, dict[str, Any]]
+PoleGroup = tuple[str, np.ndarray, LineStyle]
 
 
 def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
@@ -58,11 +60,11 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     poles = np.concatenate([each for _, each, _ in groups[:2]])  # without control, and with the law
     oscillating = np.abs(poles[np.abs(np.imag(poles)) > 0.0])
     size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
-    dotted = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
+    dotted: LineStyle = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
     rays = [2.0 * size * np.array([[0.0, -ray], [0.0, np.sqrt(1.0 - ray**2)]]) for ray in RAYS]
-    plane, damping, low = [Line(ray[0], ray[1], None, dotted) for ray in rays], [], -0.05
+    plane, damping, low = [Line(ray[0], ray[1], None, dotted) for ray in rays], list[Line](), -0.05
     for name, each, marks in groups:
-        style: dict[str, Any] = {"markersize": 6.0, "linestyle": "none", **marks}
+        style: LineStyle = {"markersize": 6.0, "linestyle": "none", **marks}
         upper = each[np.imag(each) >= 0.0]
         plane.append(Line(np.real(upper), np.imag(upper), None, style))
         upper = upper[np.abs(upper) / (2.0 * np.pi) > 1e-3]  # at zero it has no place on a logarithmic axis
@@ -127,13 +129,13 @@ def poles(design: PoseEvidence) -> Blocks:
                 f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop "
                 "rings with it. Try a larger --torque-noise, or another sensor (--measured)."
             )
-    sentences = []
+    sentences: list[str] = []
     for name, modes in list(_modes(design).items())[:2]:
         times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
         constants = f", time constant{'s' * (len(times) > 1)} {range_text(times)} s" if times else ""
         decay = f"{count_text(len(times), 'mode')} {'decays' if len(times) == 1 else 'decay'}"
         sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
-    looks: tuple[dict[str, Any], ...] = (
+    looks: tuple[LineStyle, ...] = (
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"},
         {"marker": "o", "color": SERIES[0]},
         {"marker": "^", "color": SERIES[2]},
@@ -144,7 +146,7 @@ def poles(design: PoseEvidence) -> Blocks:
         if design.specification.estimator == "none"
         else design.evaluation.frequency_response.linear.closed_loop.poles
     )
-    groups = [
+    groups: list[tuple[str, Sequence[complex] | np.ndarray, LineStyle]] = [
         *(
             (name, [m.eigenvalue for m in modes], look)
             for (name, modes), look in zip(_modes(design).items(), looks)
@@ -293,7 +295,7 @@ def rigid(design: PoseEvidence) -> Blocks:
     )
     verdict = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
     fed = "estimator" if estimator else "true state"
-    rows = []
+    rows: list[Sequence[object]] = []
     for *texts, modes, response in [
         ("this law", fed, verdict, design.law_modes, design.evaluation.step),
         *(
@@ -360,7 +362,7 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
     scale = units.factor_of(units.scale, name)
     step = scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
     end, panels = float(e.step.run.time[-1]), list[Panel]()
-    for quantity, unit, signal in (
+    signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (
         (
             "link position − goal",
             units.of(units.angle, name),
@@ -368,7 +370,8 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
         ),
         ("spring torque", units.of(units.spring, name), lambda run: spring_torques(e, run)[:, joint]),
         ("input", units.of(units.effort, name), lambda run: run.inputs[:, joint]),
-    ):
+    )
+    for quantity, unit, signal in signals:
         lines = [
             Line(
                 run.run.time[few],

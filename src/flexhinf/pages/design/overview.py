@@ -1,11 +1,14 @@
 """The first screen of a design's page: the step with the band of sampled robots, and the arm while it moves; and the
 result of each section in a few words."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +34,7 @@ from flexhinf.report import (
     MUTED,
     SERIES,
     Figure,
+    LineStyle,
     house_style,
     label,
     legend,
@@ -40,6 +44,9 @@ from flexhinf.report import (
 )
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 #: Height of the figures, inches: two of them side by side leave room for verdict and numbers on a screen.
 HEIGHT = 4.3
@@ -93,7 +100,7 @@ def _step(e: LawEvaluation) -> Figure:
     legend(upper)
     _end_after_settling(upper, e)
     for axes, panel in zip(lower, inputs):
-        plain: Any = [(value, color, None) for value, color, _ in panel.dashed]
+        plain = [(value, color, None) for value, color, _ in panel.dashed]
         lines = [line._replace(name=None) for line in panel.lines]
         replace(panel, lines=lines, dotted=(0.0,), dashed=plain).draw(axes)
     robots = "" if ended is None else f" Band: all {int(ended.sum())} sampled robots that end the step."
@@ -106,9 +113,12 @@ def _step(e: LawEvaluation) -> Figure:
     )
 
 
-def _end_after_settling(axes: Any, e: LawEvaluation) -> None:
+def _end_after_settling(axes: Axes, e: LawEvaluation) -> None:
     """End the time axis some time after the last robot has settled, where all of them do."""
-    times = [e.step.settling.value, *([] if e.step_samples is None else e.step_samples.settling.tolist())]
+    times: list[float] = [
+        e.step.settling.value,
+        *([] if e.step_samples is None else e.step_samples.settling.tolist()),
+    ]
     end = float(e.step.run.time[-1])
     if np.isfinite(times).all() and max(times) > 0.0:
         axes.set_xlim(0.0, min(1.5 * max(times), end))
@@ -130,13 +140,14 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
     count = 0
     for k, place in enumerate(at):
         opacity = (k + 1) / len(at)
-        for pose, style in (
+        looks: tuple[tuple[np.ndarray, LineStyle], ...] = (
             (
                 motors[place],
                 {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0), "alpha": 0.75 * opacity},
             ),
             (response.positions[place], {"color": SERIES[0], "linewidth": 3.2, "alpha": opacity}),
-        ):
+        )
+        for pose, style in looks:
             for line in skeleton(robot, pose):
                 axes.plot(*(line @ view).T, **style, gid=f"pose-{count}")  # fades where the film is played
                 count += 1
@@ -179,7 +190,7 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
     for k, move in enumerate((*moves, moves[worst])):
         few, error = _errors(move, units)
         last = k == len(moves)
-        style = {
+        style: LineStyle = {
             "color": SERIES[0] if last else MUTED,
             "linewidth": 1.6 if last else 0.7,
             "alpha": 1.0 if last else 0.4,

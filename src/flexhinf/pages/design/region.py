@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -52,9 +51,9 @@ RULES = {
 }
 
 
-def rule_text(start: Any) -> str:
+def rule_text(rule: str) -> str:
     """The rule by which a step starts its integrators, in a few words."""
-    return RULES.get(start.rule, (start.rule, start.rule))[1]
+    return RULES.get(rule, (rule, rule))[1]
 
 
 # What is proved -----------------------------------------------------------------------------------------
@@ -124,10 +123,10 @@ def _amplitude_text(design: PoseEvidence, amplitude: float) -> str:
     return f"{at_least(amplitude, 3)} {'m' if slides else 'rad'}"
 
 
-def proof_numbers(design: PoseEvidence) -> dict[str, Any]:
+def proof_numbers(design: PoseEvidence) -> dict[str, object]:
     """Numbers of the proofs for design.json."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
-    tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
+    tolerances: dict[str, object] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
     if box is not None and box.certificate is not None:
         tolerances = {
             "proved": True,
@@ -176,7 +175,7 @@ def region(design: PoseEvidence) -> Blocks:
     yield Paragraph(_degree_text(design))
     yield from _proof(design)
     if proved is None:
-        unit, most, rows = units_of(design.evaluation).position, widest_step(design), []
+        unit, most, rows = units_of(design.evaluation).position, widest_step(design), list[Sequence[object]]()
         for c in design.choices:
             level = "–" if not c.looked else "none" if math.isnan(c.level) else number(c.level)
             level = "everything sampled" if c.looked and math.isinf(c.level) else level

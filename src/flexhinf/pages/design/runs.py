@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Number
 from flexhinf.design.checks import (
     AFTER,
     MOST_LAWS,
@@ -42,7 +43,7 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite
+from flexhinf.report import MUTED, SERIES, Column, Figure, LineStyle, Paragraph, Table, finite
 from flexhinf.robot import Weighing
 from flexhinf.robot.elastic import DRY
 from flexhinf.robot.parameters import payload_masses
@@ -140,14 +141,15 @@ def payload(design: PoseEvidence) -> Blocks:
             "Gripping the heaviest payload",
         )
     (unit, scale), limits = units_of(e).small, design.setup.limits
-    rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
+    rows: list[Sequence[object]] = []
+    modelled = f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
     for name, step, m, case in (
         (modelled, e.step, e.margins, None),
         *((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads),
     ):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
         load = case and case.load_step
-        load_step: list[float | None] = (
+        load_step: Sequence[Number | None] = (
             [scale * load.deflection.value, load.recovery.value, scale * load.remaining.value]
             if load
             else [None, None, None]
@@ -316,19 +318,24 @@ def margins_along(design: PoseEvidence) -> Blocks:
         f"the way of the move: {laws}. Velocities along the move are not in it."
     )
     slides, degrees = design.robot.links.slides, units_of(design.evaluation).degrees
-    panels, rows, acting = [], [], np.array(along.laws)
+    panels, rows, acting = list[Panel](), list[Sequence[object]](), np.array(along.laws)
     for name, quantity in MARGINS.items():
         values = np.array([along.limits.value(name, m) for m in along.margins], dtype=float)
         k = int((np.argmax if name == "peak_sensitivity" else np.argmin)(values))
         rows.append((quantity, values[k], along.times[k], pose_text(along.poses[k], slides, degrees)))
-        dots, limit = {"marker": "o", "markersize": 4.5, "linestyle": "none"}, getattr(along.limits, name)
+        limit = getattr(along.limits, name)
         lines = [
             *(
                 Line(
                     along.times[acting == law],
                     values[acting == law],
                     None,
-                    {"color": SERIES[law % len(SERIES)], **dots},
+                    {
+                        "color": SERIES[law % len(SERIES)],
+                        "marker": "o",
+                        "markersize": 4.5,
+                        "linestyle": "none",
+                    },
                 )
                 for law in sorted(set(along.laws))
             ),
@@ -415,7 +422,7 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     if oscillation is not None and oscillation.damping > 0.0:
         # begins at the peak: what decays slower is not the oscillation whose damping is given
         size = np.exp(-2.0 * np.pi * oscillation.frequency * oscillation.damping * time[early])
-        dashed = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
+        dashed: LineStyle = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
         decay = [Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]
         panel = replace(panel, lines=[*panel.lines, *decay])
         caption += (
@@ -442,7 +449,8 @@ def long_run(design: PoseEvidence) -> Blocks:
         )
 
     def zone(run: LimitCycleCheck) -> str:
-        joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
+        joints = run.response.joints
+        sizes: list[float] = [] if run.dead_zone is None else run.dead_zone.tolist()
         return listed(
             [
                 f"{units.small_text(size, 2, joint)}{f' in {joint}' if len(joints) > 1 else ''}"
@@ -554,7 +562,7 @@ def _long_run_figure(design: PoseEvidence, run: LimitCycleCheck) -> Figure:
 
 def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and rows (N, n) of the extremes in `PIECES` pieces, the smallest first where a signal rises."""
-    times, rows = [], []
+    times, rows = list[float](), list[np.ndarray]()
     for piece in np.array_split(np.arange(len(time)), min(PIECES, len(time))):
         part = values[piece]
         low, high, rises = part.min(axis=0), part.max(axis=0), part[-1] >= part[0]

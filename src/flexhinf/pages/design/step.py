@@ -1,6 +1,9 @@
 """The step from the start pose to the goal: responses, the arm at a few instants, table; on MuJoCo's plant; and on
 robots sampled within their tolerances, with the controller as it was designed."""
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -10,6 +13,7 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.specification import ESTIMATED_BY
@@ -41,6 +45,7 @@ from flexhinf.report import (
     WIDTH,
     Column,
     Figure,
+    LineStyle,
     Paragraph,
     Table,
     house_style,
@@ -61,8 +66,9 @@ STARTING, MUCH = 20, 1.5
 STAGES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
-def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
+def step(design: PoseEvidence) -> Blocks:
     """The step: figure and metrics of each joint; on MuJoCo's plant too."""
+    e, mujoco = design.evaluation, design.mujoco
     s, units = e.setup.specification, units_of(e)
     yield from map(note, left_out_notes(e.setup.robot, e.setup.extras, "the true plant of this report"))
     if e.step.diverged_at is not None:
@@ -269,6 +275,11 @@ def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list
     )
 
 
+#: Links and motors in pictures of the arm.
+LINKS: LineStyle = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
+MOTORS: LineStyle = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
+
+
 @house_style()
 def arm_figure(
     robot: Robot, time: np.ndarray, links: np.ndarray, motors: np.ndarray, at: Sequence[int]
@@ -288,10 +299,8 @@ def arm_figure(
     figure, (axes,) = panels(
         1, len(at), 1.5 + min(tall, 2.0) * (WIDTH - 0.8) / len(at), sharex=True, sharey=True
     )
-    dashed = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
-    thick = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
     for k, (axis, (own, behind)) in enumerate(zip(axes, poses, strict=True)):
-        for lines, name, style in ((behind, "motors", dashed), (own, "links", thick)):
+        for lines, name, style in ((behind, "motors", MOTORS), (own, "links", LINKS)):
             for j, line in enumerate(lines):
                 axis.plot(*(line @ view).T, label=name if k == j == 0 else None, **style)
         joints = np.array([line[0] for line in own]) @ view
@@ -348,9 +357,9 @@ PANELS = 3
 CLOSE = 0.12
 
 
-def samples(e: LawEvaluation) -> Blocks:
+def samples(design: PoseEvidence) -> Blocks:
     """Bands, histograms and a table of the sampled robots; none where no robot was sampled."""
-    runs = e.step_samples
+    e, runs = design.evaluation, design.evaluation.step_samples
     if runs is None or not len(runs):
         return
     if runs.diverged:
@@ -391,12 +400,15 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     close = int(np.argmax(np.where(steps > 0.0, late, -1.0)))
     worst = {samples.worst: "largest overshoot"}
     worst[samples.slowest] = f"{worst.get(samples.slowest, '')}, slowest settling".removeprefix(", ")
-    styles = ({"color": INK, "dashes": (5.0, 1.5)}, {"color": SERIES[1], "dashes": (2.0, 1.2)})
+    styles: tuple[LineStyle, ...] = (
+        {"color": INK, "linewidth": 1.1, "dashes": (5.0, 1.5)},
+        {"color": SERIES[1], "linewidth": 1.1, "dashes": (2.0, 1.2)},
+    )
     figure, axes = new_figure(len(widest) + 1)
     for axis, joint in zip(axes, [*widest, close]):
         quantile_band(axis, time, away[:, :, joint])
         lines = [
-            Line(time, line, name, {"linewidth": 1.1, **style})
+            Line(time, line, name, style)
             for (robot, name), style in zip(worst.items(), styles)
             for line in away[ended == robot, :, joint]
         ]
@@ -466,7 +478,7 @@ def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
 
 def spread_table(e: LawEvaluation, samples: MonteCarlo) -> Table:
     """Nominal robot, median, 95th percentile and worst of the samples, with the joint of the worst."""
-    several, rows = len(e.setup.joints) > 1, []
+    several, rows = len(e.setup.joints) > 1, list[Sequence[object]]()
     for name, unit, values, nominal, joint in _metrics(e, samples):
         quantiles = (float(np.quantile(values, q, method="higher")) for q in (0.5, 0.95, 1.0))
         cells = ("never" if np.isinf(value) else number(value, 3) for value in (nominal, *quantiles))

@@ -24,7 +24,7 @@ from flexhinf.pages.drawing import (
     range_text,
 )
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, finite
+from flexhinf.report import INK, SERIES, Column, Figure, LineStyle, Paragraph, Table, finite
 from flexhinf.robot.signals import signal_names
 
 PRESETS = {
@@ -102,18 +102,17 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
         "on the linear part with the true state fed back, each by its worst over the nominal robot and corners of its "
         f"tolerances.{' The weights in use are of the search on the running loop (below).' if replaced else ''}"
     )
-    groups = [
-        (candidates, {"marker": "o", "markersize": 3.5, "linewidth": 1.2}, "{}"),
-        *[([search.chosen], {"marker": "s", "linestyle": "none"}, "in use, {}")] * replaced,
-    ]
 
     def lines(value: Callable[[Candidate], float], name: str, color: str) -> list[Line]:
+        dots: LineStyle = {"color": color, "marker": "o", "markersize": 3.5, "linewidth": 1.2}
+        square: LineStyle = {"color": color, "marker": "s", "linestyle": "none"}
+        groups = [(candidates, dots, name), *[([search.chosen], square, f"in use, {name}")] * replaced]
         return [
             Line(
                 np.array([c.damping_weight for c in each]),
                 np.array([v if np.isfinite(v := value(c)) else np.nan for c in each]),
-                text.format(name),
-                {"color": color, **style},
+                text,
+                style,
             )
             for each, style, text in groups
         ]
@@ -382,19 +381,25 @@ def _noise_figure(design: PoseEvidence, search: NoiseSearch) -> Figure:
         marks.append(("D", 5.0, search.default))
         used = "squares: used, diamonds: the default levels"
     required = [] if target is None else [(required_damping(design.specification.damping, target), INK, None)]
-    panels = []
+    panels: list[Panel] = []
     for name, text, dashed in (
         ("damping", "smallest damping ratio", required),
         ("compliance", "compliance / true state", ()),
     ):
-        lines = []
+        lines: list[Line] = []
         for joint, joint_name in enumerate(design.robot.joint_names):
-            color = line_style(joint)["color"]
-            groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
-            groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
+            own: LineStyle = {"color": line_style(joint)["color"], "linestyle": "none"}
+            dots: LineStyle = {**own, "marker": "o", "markersize": 3.0}
+            groups: list[tuple[str | None, Sequence[NoiseCandidate], LineStyle]] = [
+                (joint_name, search.trade_off, dots),
+                *(
+                    (None, [c], {**own, "marker": m, "markersize": size, "markerfacecolor": "none"})
+                    for m, size, c in marks
+                ),
+            ]
             for legend_name, candidates, style in groups:
                 noise, value = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
-                lines.append(Line(noise, value, legend_name, {"color": color, "linestyle": "none", **style}))
+                lines.append(Line(noise, value, legend_name, style))
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
@@ -422,10 +427,10 @@ def _noise_table(design: PoseEvidence, search: NoiseSearch) -> Table:
     # The edge of the family where a level is at its least may be the default by another name.
     others = [
         (search.trade_off[k], "")
-        for k in np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
+        for k in map(int, np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int)))
         if not any(np.allclose(metrics(search.trade_off[k]), metrics(c), rtol=1e-3) for c, _ in apart)
     ]
-    rows = []
+    rows: list[Sequence[object]] = []
     for candidate, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
         missed = f"{'missed: ' if note and candidate.missed else ''}{', '.join(candidate.missed)}"
         *sizes, gain = metrics(candidate)
