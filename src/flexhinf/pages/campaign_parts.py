@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -268,11 +268,13 @@ def write_page(folder: Path, what: str, page: Page) -> Path:
     return path
 
 
-def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Canvas, list[Axes]]:
+def small_panels(
+    count: int, height: float, columns: int = 3, sharex: bool = False
+) -> tuple[Canvas, list[Axes]]:
     """A figure with `count` panels in rows of at most `columns`, each row `height` inches high."""
     columns = min(columns, count)
     rows = -(-count // columns)
-    figure, grid = panels(rows, columns, 0.4 + height * rows, **options)
+    figure, grid = panels(rows, columns, 0.4 + height * rows, sharex=sharex)
     axes = [axis for row in grid for axis in row]
     for axis in axes[count:]:
         axis.set_visible(False)

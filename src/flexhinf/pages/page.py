@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -366,7 +366,8 @@ def sampled_text(design: PoseEvidence) -> str:
 
 
 def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str:
-    samples: Any = design.evaluation.step_samples
+    samples = design.evaluation.step_samples
+    assert samples is not None
     values = getattr(samples, metric)
     joint = samples.joints[metric][int(np.argmax(values))]
     unit = units_of(design.evaluation).of(unit, joint)

@@ -281,7 +281,7 @@ def move(design: PoseEvidence) -> Blocks:
     )
 
 
-def _plan_figure(e: LawEvaluation, planned: Move, quantity: str, origin: Any) -> Figure:
+def _plan_figure(e: LawEvaluation, planned: Move, quantity: str, origin: Number) -> Figure:
     """Link positions less `origin`, their distance from the plan, and inputs."""
     response, units = planned.response, units_of(e)
     (unit, scale), time = units.small, response.run.time
