@@ -11,6 +11,8 @@ Enter at `load_robot`, or at `paper_arm`; `assembled` makes a robot of parts. `a
 numbers of motors and gears.
 """
 
+# lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexhinf.arrays import Vector
+from flexhinf.arrays import Elements, Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.dynamics import (
     Joint,
@@ -123,17 +123,17 @@ class Pendulum(JointTree):
             own["mass"] = mass
         return own
 
-    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
+    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Elements:
         """q̈1 = (τ − m g l sin q1) / I."""
         assert armature is None  # a single joint is elastic
         inverse, weight = 1.0 / p.link_inertia, p.mass * p.gravity * p.length / p.link_inertia
         return inverse * torque - weight * np.sin(q)
 
-    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
+    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Elements:
         """I q̈1 + m g l sin q1, (1,) of any element."""
         return p.link_inertia * ddq + p.mass * p.gravity * p.length * np.sin(q)
 
-    def gravity_torque(self, q: Any, p: Any) -> Any:
+    def gravity_torque(self, q: Any, p: Any) -> Elements:
         """M g l sin q1, (1,), N·m, of any element; of N robots (1, N)."""
         return p.mass * p.gravity * p.length * np.sin(np.asarray(q))
 
@@ -218,17 +218,17 @@ class Arm(JointTree):
         """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of the links, for other tools."""
         return self.tree, p.mass, p.centre_of_mass, p.inertia
 
-    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
+    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Elements:
         """q̈1, (n,) of any element; `armature` as for `forward_dynamics`."""
         return np.array(
             forward_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, torque, self.fall(p), armature)
         )
 
-    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
+    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Elements:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
         return np.array(inverse_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, ddq, self.fall(p)))
 
-    def gravity_torque(self, q: Any, p: Any) -> Any:
+    def gravity_torque(self, q: Any, p: Any) -> Elements:
         """G(q1), (n,), N·m or N, of any element; of N robots (n, N), where `q` and `p` have them in a last axis."""
         still = [0.0] * len(self.tree)
         parts = inverse_dynamics(self.tree, bodies_of(*self.rigid(p)), q, still, still, self.fall(p))

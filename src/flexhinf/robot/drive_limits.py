@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
+from flexhinf.arrays import Elements, Number
 from flexhinf.scalars import clip
 
 #: Stands for the torque of a motor that has no limit within its drive, N·m: parameters are finite.
@@ -14,11 +15,12 @@ UNLIMITED: Final = 1e9
 
 def largest_drive_torques(p: Any, count: int) -> np.ndarray:
     """Largest torques (n,) of motors within their drives' own loops, by a plant's parameters; infinite without one."""
-    stated = np.broadcast_to(np.asarray(vars(p).get("drive_torque_limit", UNLIMITED), dtype=float), count)
+    numbers = cast("dict[str, Number]", vars(p))
+    stated = np.broadcast_to(np.asarray(numbers.get("drive_torque_limit", UNLIMITED), dtype=float), count)
     return np.where(stated < UNLIMITED, stated, np.inf)
 
 
-def limited_torques(torque: Any, load: Any, p: Any) -> Any:
+def limited_torques(torque: Any, load: Any, p: Any) -> Elements:
     """Torques (n,) of motors within their drives' limits, of any element: those of the loops, and the rejected share of
     the load."""
     wanted = torque + (1.0 - p.load_share) * load

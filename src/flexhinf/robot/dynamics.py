@@ -268,7 +268,7 @@ class Tree:
     @cached_property
     def branches(self) -> tuple[tuple[str, ...], ...]:
         """Names of the joints from the world to each tip: one branch for a chain."""
-        found = []
+        found = list[tuple[str, ...]]()
         for place in (i for i in range(len(self)) if i not in self.parents):
             branch = list[str]()
             while place >= 0:
@@ -280,7 +280,7 @@ class Tree:
     @cached_property
     def aligned(self) -> tuple[Placement, ...]:
         """Place of each aligned frame at position zero, in its parent's aligned frame."""
-        places = []
+        places = list[Placement]()
         for joint, parent in zip(self.joints, self.parents):
             place = joint.placement
             rotation, translation = _product(place.rotation, joint.alignment), place.translation
@@ -316,7 +316,7 @@ def bodies_of(tree: Tree, mass: Any, centre_of_mass: Any, inertia: Any) -> list[
     Mass (n,), kg; centre of mass (n, 3) in the link's frame, m; inertia (n, 6), xx, xy, xz, yy, yz, zz about the centre
     of mass, in axes parallel to the link's frame, kg·m².
     """
-    bodies = []
+    bodies = list[Body]()
     for i, joint in enumerate(tree.joints):
         xx, xy, xz, yy, yz, zz = list(inertia[i])
         x, y, z = _apply(_transpose(joint.alignment), list(centre_of_mass[i]))
@@ -366,7 +366,7 @@ def _to_parent(frame: Placement, force: Vector, moment: Vector) -> tuple[Vector,
 
 def frames_of(tree: Tree, q: Any) -> list[Placement]:
     """Places of the aligned frames in their parents' at the joint positions q (n,)."""
-    frames = []
+    frames = list[Placement]()
     for i, (joint, place) in enumerate(zip(tree.joints, tree.aligned)):
         rotation, translation = place.rotation, place.translation
         if joint.slides:

@@ -45,7 +45,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.arrays import Number
+from flexhinf.arrays import Elements, Number
 from flexhinf.errors import refuse_if
 from flexhinf.plant.model import ParameterTable
 from flexhinf.robot.drive_limits import UNLIMITED, limited_torques
@@ -148,7 +148,7 @@ def inactive_parameters(
     return {per_joint(quantity, joint, len(joints)) for quantity, joint in pairs}
 
 
-def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
+def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Elements:
     """Torque of the spring on the link, from the twist δ = q2 − q1 and its rate."""
     if "backlash" in extras:
         half = 0.5 * p.backlash
@@ -188,7 +188,7 @@ class Sticking:
     others: tuple[str, ...] = ()  # the plant's other extras, which the load is of
     drive: str = "torque"
 
-    def __call__(self, x: Any, step: Any, p: Any) -> Any:
+    def __call__(self, x: Any, step: Any, p: Any) -> Elements:
         """The state after friction, on any element."""
         n = self.layout.n
         velocity, load = x[3 * n : 4 * n], 0.0
@@ -226,7 +226,7 @@ def with_dry_friction(extras: Sequence[str], parameters: Any) -> tuple[str, ...]
     return tuple(dict.fromkeys((*extras, *named, *(name for name in dry if name not in kinds))))
 
 
-def dry_level(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
+def dry_level(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Elements:
     """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²), and with load_friction μ |τ_J| more."""
     level = 0.0 * velocity if {*DRY} & {*extras} == {"load_friction"} else p.coulomb_friction
     if "load_friction" in extras:
@@ -237,7 +237,7 @@ def dry_level(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
     return level
 
 
-def friction_torque(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
+def friction_torque(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Elements | float:
     """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch. The load is the
     torque of the spring."""
     dry = set(DRY) & set(extras)
@@ -289,7 +289,7 @@ def required_of_drive(
 ) -> list[str]:
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways."""
     one_of("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
-    required, count = [], len(joints)
+    required, count = list[str](), len(joints)
     coils = any(per_joint("inductance", joint, count) in names for joint in joints)
     for joint in joints:
         geared = per_joint("rotor_inertia", joint, count) in names
@@ -381,7 +381,7 @@ def reflected(
     return packed
 
 
-def torque_per_input(drive: str, p: Any) -> Any:
+def torque_per_input(drive: str, p: Any) -> Elements | float:
     """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, the gain
     of an inner loop for its command, or one."""
     if drive in INNER:
@@ -408,7 +408,7 @@ class ElasticFlow:
     extras: tuple[str, ...]
     layout: Layout
 
-    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Elements:
         """The rates of all states, of any element."""
         layout, n, elastic = self.layout, self.layout.n, self.layout.elastic
         q, dq, theta, dtheta = layout.split(x)
@@ -460,7 +460,7 @@ class ElasticFlow:
             rates.append((u - p.resistance * current - p.back_emf_constant * speed) / p.inductance)
         return np.concatenate(rates)
 
-    def _resistance(self, angle: Any, speed: Any, load: Any, p: Any) -> Any:
+    def _resistance(self, angle: Any, speed: Any, load: Any, p: Any) -> Elements | float:
         """Dry friction and ripple against the motors, at their angles, speeds and loads."""
         dry = friction_torque(speed, load, p, self.extras)
         return dry + tooth_ripple(angle, p) if "torque_ripple" in self.extras else dry
@@ -533,7 +533,7 @@ class InverseFlow:
             drive = (p.resistance / p.torque_constant) * drive + p.back_emf_constant * speed
         return np.concatenate([q, dq, own[0], own[1]]), drive
 
-    def _command(self, angle: Any, speed: Any, acceleration: Any, load: Any, p: Any) -> Any:
+    def _command(self, angle: Any, speed: Any, acceleration: Any, load: Any, p: Any) -> Elements:
         """Command (n,) of an inner loop, whose motor moves so under a load."""
         friction = p.friction * speed
         if set(DRY) & set(self.extras):

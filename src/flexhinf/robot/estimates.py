@@ -73,7 +73,7 @@ def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     weights = largest_weight(arm)
     equal, small = has_placeholder_effort(arm, weights), len(weak_joints(arm)) > 0
     plausible = [e for e, weight in zip(arm.efforts, weights.tolist()) if e <= PLACEHOLDER * weight]
-    joints = {}
+    joints = dict[str, EstimatedJoint]()
     for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, weights.tolist()):
         known = effort <= max(plausible, default=0.0) and not equal and not small
         needed = weights.max() if equal else weight

@@ -83,8 +83,8 @@ class RobotExamination:
     """Findings about a description, and the facts of each joint where the robot could be made."""
 
     path: Path
-    findings: list[RobotFinding] = field(default_factory=list)
-    joints: list[JointFacts] = field(default_factory=list)
+    findings: list[RobotFinding] = field(default_factory=list[RobotFinding])
+    joints: list[JointFacts] = field(default_factory=list[JointFacts])
     robot: Robot | None = None
 
     def add(self, severity: Severity, what: str, **others: Any) -> None:

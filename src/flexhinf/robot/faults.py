@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _collected: ContextVar[list[PartFault] | None] = ContextVar("_collected", defaul
 
 
 @contextmanager
-def collected_faults() -> Iterator[list[PartFault]]:
+def collected_faults() -> Generator[list[PartFault]]:
     """In this block `refuse_part` collects faults into the list, and readers go on."""
     faults = list[PartFault]()
     token = _collected.set(faults)

@@ -18,6 +18,9 @@ does what the command cancels. Where stiffness or load is uncertain, a part of i
 then, by a filter whose periods follow the pose too, see `flexhinf.robot.shaper`.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass

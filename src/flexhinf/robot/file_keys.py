@@ -10,10 +10,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, cast
 
 from flexhinf.robot.actuators import (
     PublishedJoint,
@@ -32,6 +32,9 @@ from flexhinf.robot.rigid_arm import NEAREST
 from flexhinf.robot.signals import SENSORS, UNITS
 from flexhinf.validation import nearest, real_number
 
+#: Where a value stands: keys of tables, and numbers of rows.
+Place: TypeAlias = tuple[str | int, ...]
+
 #: Unit of a bandwidth, which may be stated in hertz.
 BANDWIDTH = ("rad/s",)
 
@@ -45,6 +48,16 @@ NESTING = (
 )
 
 
+def is_list(value: object) -> TypeGuard[list[object]]:
+    """Whether a value of a TOML file is a list."""
+    return isinstance(value, list)
+
+
+def is_dict(value: object) -> TypeGuard[dict[str, object]]:
+    """Whether a value of a TOML file is a table."""
+    return isinstance(value, dict)
+
+
 class Unusable(ValueError):
     """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
 
@@ -55,11 +68,19 @@ class PartReader(Protocol):
     file: str  # its name
     data: dict[str, Any]
     # Places, units and texts of numbers that state a unit.
-    stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]]
+    stated: list[tuple[Place, tuple[str, ...], Stated]]
 
-    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
+    def table(self, data: object, keys: Mapping[str, Key], place: Place) -> dict[str, Any]:
         """The keys of a table that are stated or have a default."""
         ...
+
+
+#: ``read(file, value, key, place)`` of a `Key`.
+Reader: TypeAlias = "Callable[[PartReader, object, Key, Place], object]"
+
+
+def _as_stated(file: PartReader, value: object, key: Key, place: Place) -> object:
+    return value
 
 
 class Key(NamedTuple):
@@ -70,13 +91,13 @@ class Key(NamedTuple):
     is expected.
     """
 
-    read: Callable[..., Any] = lambda file, value, key, place: value
+    read: Reader = _as_stated
     units: tuple[str, ...] = ()
     size: int = 0
     inside: str = ""
     required: bool = False
     default: Any = None
-    usable: Callable[[Any], bool] = lambda value: True
+    usable: Callable[[object], bool] = lambda value: True
     expected: str = ""
 
 
@@ -122,7 +143,7 @@ def _completed(value: Any, units: Sequence[str]) -> str:
     return f"{('…' if parts[1] else parts[0]) if parts else 5} {units[0]}"
 
 
-def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _number(file: PartReader, value: object, key: Key, place: Place) -> float:
     parts = split(value) if key.units == BANDWIDTH and isinstance(value, str) else None
     if parts and parts[1].lower() == "hz":
         return 2.0 * math.pi * float(parts[0])
@@ -139,7 +160,7 @@ def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> f
     return number
 
 
-def _percent(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _percent(file: PartReader, value: object, key: Key, place: Place) -> float:
     if isinstance(value, str) and value.rstrip().endswith("%"):
         value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
     number = _number(file, value, key, place)
@@ -152,8 +173,8 @@ def _percent(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> 
     return number
 
 
-def _list(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
-    if not isinstance(value, list) or (key.size and len(value) != key.size):
+def _list(file: PartReader, value: object, key: Key, place: Place) -> list[float]:
+    if not is_list(value) or (key.size and len(value) != key.size):
         text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
         raise Unusable(
             f"a list of {key.size} numbers" if key.size else "a list of one number for each joint",
@@ -162,20 +183,20 @@ def _list(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> lis
     return [_number(file, entry, key, place) for entry in value]
 
 
-def _quantity(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _quantity(file: PartReader, value: object, key: Key, place: Place) -> dict[str, Any]:
     """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
 
     A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
     """
     entry = Key(_list if key.size else _number, key.units, key.size, required=True)
-    if not isinstance(value, dict):
+    if not is_dict(value):
         return {"value": entry.read(file, value, key, place), "source": "assumption"}
     ends = {} if key.size else {"range": Key(_list, key.units, 2)}
     return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
-def _fall(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
-    if isinstance(value, list):
+def _fall(file: PartReader, value: object, key: Key, place: Place) -> dict[str, Any]:
+    if is_list(value):
         numbers = [real_number(entry) for entry in value]
         size = math.hypot(*numbers) if len(numbers) == 3 else math.nan
         advice = (
@@ -187,31 +208,31 @@ def _fall(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dic
     return _quantity(file, value, key, place)
 
 
-def _numbers(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
-    return (_list if isinstance(value, list) else _number)(file, value, key, place)
+def _numbers(file: PartReader, value: object, key: Key, place: Place) -> float | list[float]:
+    return (_list if is_list(value) else _number)(file, value, key, place)
 
 
-def _named(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
-    if not isinstance(value, dict):
+def _named(file: PartReader, value: object, key: Key, place: Place) -> dict[str, Any]:
+    if not is_dict(value):
         raise Unusable("numbers by name", "")
     return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
-def _shares(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, float]:
-    if not isinstance(value, dict) or not value:
+def _shares(file: PartReader, value: object, key: Key, place: Place) -> dict[str, float]:
+    if not is_dict(value) or not value:
         raise Unusable("what the motor turns by, by names of joints", "{ shoulder = 1.0, elbow = 1.0 }")
     return {name: _number(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
-def _corrections(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _corrections(file: PartReader, value: object, key: Key, place: Place) -> dict[str, Any]:
     """``[links.NAME] inertia = "nearest"``, or its six components, by the names of links of a URDF or an MJCF file."""
-    if not isinstance(value, dict):
+    if not is_dict(value):
         raise Unusable("tables of links, by name", "")
     kind = Key(_correction, ("kg·m²",), required=True)
     return {name: file.table(row, {"inertia": kind}, (*place, name)) for name, row in value.items()}
 
 
-def _correction(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> str | tuple[float, ...]:
+def _correction(file: PartReader, value: object, key: Key, place: Place) -> str | tuple[float, ...]:
     if isinstance(value, str):
         if value.strip().lower() != NEAREST:
             raise Unusable(f"{NEAREST!r}, or a table with xx, yy, zz in kg·m²", repr(NEAREST))
@@ -220,45 +241,45 @@ def _correction(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) 
     return tuple(table.get(axes) or 0.0 for axes in INERTIA)
 
 
-def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _table(file: PartReader, value: object, key: Key, place: Place) -> dict[str, Any]:
     return file.table(value, TABLES[key.inside], place)
 
 
-def _spring(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _spring(file: PartReader, value: object, key: Key, place: Place) -> dict[str, Any]:
     """A spring's table; the curve of a gear says its stiffness, and one whose name the joint states has a curve."""
     keys, row = TABLES["spring"], file.data["joint"][place[1]]
-    if isinstance(value, dict) and ({*value} & {*CURVE} or "gear" in row):
+    if is_dict(value) and ({*value} & {*CURVE} or "gear" in row):
         keys = keys | {"stiffness": keys["stiffness"]._replace(required=False)}
     return file.table(value, keys, place)
 
 
-def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
-    if not isinstance(value, list) or (key.required and not value):
+def _rows(file: PartReader, value: object, key: Key, place: Place) -> list[dict[str, Any]]:
+    if not is_list(value) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
     return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]
 
 
-def _sensors(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+def _sensors(file: PartReader, value: object, key: Key, place: Place) -> list[dict[str, Any]]:
     """Rows of sensors, whose step and noise have the unit of what each measures."""
-    if not isinstance(value, list):
+    if not is_list(value):
         raise Unusable("[[joint.sensor]] tables, each with its kind", "")
-    rows = []
+    rows = list[dict[str, Any]]()
     for i, row in enumerate(value):
-        kind = row.get("kind") if isinstance(row, dict) else None
+        kind = row.get("kind") if is_dict(row) else None
         units = UNITS[kind] if isinstance(kind, str) and kind in SENSORS else ()
         own = {name: TABLES["sensor"][name]._replace(units=units) for name in ("step", "noise")}
         rows.append(file.table(row, TABLES["sensor"] | own, (*place, i)))
     return rows
 
 
-def _actuator(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+def _actuator(file: PartReader, value: object, key: Key, place: Place) -> PublishedJoint:
     published = published_joints()
     if not isinstance(value, str) or value not in published:
         raise Unusable(f"one of {list(published)}, which `flexhinf robots` lists", nearest(value, published))
     return published[value]
 
 
-def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+def _gear(file: PartReader, value: object, key: Key, place: Place) -> PublishedJoint:
     known = published_gears()
     name = gear_name(value)
     if name not in known:
@@ -266,14 +287,38 @@ def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> Pub
     return known[name]
 
 
+def _is_positive(value: object) -> bool:
+    return cast("float", value) > 0.0
+
+
+def _is_percent(value: object) -> bool:
+    return 0.0 <= cast("float", value) < 100.0
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _are_texts(value: object) -> bool:
+    return is_list(value) and all(map(_is_text, value))
+
+
+def _is_flag(value: object) -> bool:
+    return isinstance(value, bool)
+
+
+def _among(names: Collection[str]) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, str) and value in names
+
+
 _POSITION, _METRES = UNITS["link_position"], ("m",)
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
-_POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
-_TEXT = Key(usable=lambda value: isinstance(value, str), expected="a text")
+_POSITIVE = Key(_number, usable=_is_positive, expected="a number greater than 0")
+_TEXT = Key(usable=_is_text, expected="a text")
 _PERCENT = Key(
     _percent,
     ("%",),
-    usable=lambda value: 0.0 <= value < 100.0,
+    usable=_is_percent,
     expected="a number of at least 0 and less than 100 per cent",
 )
 TOLERANCE = {"tolerance": _PERCENT, "source": _TEXT._replace(default="assumption")}
@@ -286,7 +331,7 @@ MOTOR = tuple(each.name for each in fields(ElasticJoint) if each.name not in (*B
 
 #: What says how a motor is driven beside its constants, with times of its drive, and limits of its command.
 _DRIVE = {
-    "drive": Key(usable=lambda value: value in DRIVES, expected=f"one of {', '.join(map(repr, DRIVES))}"),
+    "drive": Key(usable=_among(DRIVES), expected=f"one of {', '.join(map(repr, DRIVES))}"),
     **dict.fromkeys(TIMES, Key(_number, ("s",))),
     **{
         name: _POSITIVE._replace(units=tuple(dict.fromkeys(per_second(unit, order) for unit in _EFFORT)))
@@ -312,7 +357,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "urdf": _TEXT,
         "mjcf": _TEXT,
         "joints": Key(
-            usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
+            usable=_are_texts,
             expected="a list of names",
         ),
         "locked": Key(_named, _POSITION, default={}),
@@ -326,7 +371,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "name": _TEXT._replace(required=True),
         "actuator": Key(_actuator),
         "gear": Key(_gear),
-        "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
+        "kind": Key(usable=_among(KINDS), expected="'revolute', 'continuous' or 'prismatic'"),
         "axis": Key(_list, size=3),
         "xyz": _THREE,
         "rpy": Key(_list, ("rad",), 3),
@@ -335,7 +380,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
         "effort_limit": _POSITIVE._replace(units=_EFFORT),
         "link": Key(_table, inside="link"),
-        "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
+        "rigid": Key(usable=_is_flag, expected="true or false", default=False),
         "coupling": Key(_shares),
         "spring": Key(_spring, inside="spring"),
         "motor": Key(_table, inside="motor", default={}),
@@ -345,14 +390,14 @@ TABLES: dict[str, dict[str, Key]] = {
     "sensor": {
         "kind": Key(
             required=True,
-            usable=lambda value: value in SENSORS,
+            usable=_among(SENSORS),
             expected=f"one of {', '.join(map(repr, SENSORS))}",
         ),
         "counts": _POSITIVE,
         "step": _POSITIVE,
         "noise": _POSITIVE,
         "delay": _POSITIVE._replace(units=("s",)),
-        "before_gear": Key(usable=lambda value: isinstance(value, bool), expected="true or false"),
+        "before_gear": Key(usable=_is_flag, expected="true or false"),
     },
     "link": {
         "mass": _MASS,
@@ -386,9 +431,9 @@ TABLES: dict[str, dict[str, Key]] = {
 }
 
 
-def is_table(value: Any) -> bool:
+def is_table(value: object) -> bool:
     """Whether a value is a table or a list of tables."""
-    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
+    return is_dict(value) or (is_list(value) and any(is_dict(x) for x in value))
 
 
 #: What other programs and data sheets call our keys.
@@ -439,17 +484,17 @@ def key_advice(key: str, keys: Mapping[str, Key], table: bool) -> str:
     return nearest(plain, keys, NESTING if table else "one of these keys")
 
 
-def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
+def place_text(location: Place, data: object) -> str:
     """A place in the file as text: joint 2 ('elbow'), spring."""
-    parts, value = [], data
+    parts, value = list[str](), data
     for part in location:
         try:
-            value = value[part]  # type: ignore[assignment]
+            value = cast("Mapping[str | int, object]", value)[part]
         except (KeyError, IndexError, TypeError):
-            value = {}
+            value = None
         if isinstance(part, int):
-            name = value.get("name") if isinstance(value, dict) else None
+            name = value.get("name") if is_dict(value) else None
             parts[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
         else:
-            parts.append(str(part))
+            parts.append(part)
     return ", ".join(parts) or "the file"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,8 +51,8 @@ class FollowGoal(StatedRepr):
     velocities: ArrayLike | None = None
     accelerations: ArrayLike | None = None
     begins: float = 0.0
-    path_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    path_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict[str, Sequence[float]])
+    goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict[str, Sequence[float]])
     goal_time: float = 0.0
 
     def __post_init__(self) -> None:
@@ -75,9 +76,10 @@ class FollowGoal(StatedRepr):
                 "a row for each time, with a number for each joint",
             )
         for name in ("path_tolerance", "goal_tolerance"):
-            pairs = getattr(self, name)
+            pairs: object = getattr(self, name)
             refuse_if(
-                not isinstance(pairs, Mapping) or not all(map(_is_pair, pairs.values())),
+                not isinstance(pairs, Mapping)
+                or not all(map(_is_pair, cast("Mapping[str, object]", pairs).values())),
                 f"The {name.replace('_', ' ')} of a trajectory is none.",
                 f"expected two numbers by joint, got {pairs!r}",
                 f"{name}={{'elbow': (0.01, 0.1)}}, or {{'elbow': (0.01, 0)}}",
@@ -99,25 +101,30 @@ class FollowGoal(StatedRepr):
         return 1 + velocities + (velocities & accelerations)
 
 
-def _is_left_out(row: object) -> bool:
-    return row is None or (np.ndim(row) == 1 and np.size(row) == 0)  # type: ignore[call-overload]
+def _listed(rows: ArrayLike | None) -> Sequence[ArrayLike | None] | None:
+    return cast("Sequence[ArrayLike | None]", rows) if isinstance(rows, (list, tuple)) else None
+
+
+def _is_left_out(row: ArrayLike | None) -> bool:
+    return row is None or (np.ndim(row) == 1 and np.size(row) == 0)
 
 
 def _filled(rows: ArrayLike | None, width: int) -> ArrayLike | None:
     """Rows with zeros in the place of those that a waypoint does not state."""
-    if not isinstance(rows, (list, tuple)) or not any(map(_is_left_out, rows)):
+    listed = _listed(rows)
+    if listed is None or not any(map(_is_left_out, listed)):
         return rows
-    return [[0.0] * width if _is_left_out(row) else row for row in rows]  # type: ignore[return-value]
+    return cast("ArrayLike", [[0.0] * width if _is_left_out(row) else row for row in listed])
 
 
 def _stated(rows: ArrayLike | None, count: int) -> np.ndarray:
     """Which waypoints (N,) state theirs."""
-    if not isinstance(rows, (list, tuple)):
+    if (listed := _listed(rows)) is None:
         return np.full(count, rows is not None)
-    return np.array([not _is_left_out(row) for row in rows], dtype=bool)
+    return np.array([not _is_left_out(row) for row in listed], dtype=bool)
 
 
-def _is_pair(pair: Sequence[float]) -> bool:
+def _is_pair(pair: object) -> bool:
     """Whether these are two numbers; which ones `Follower.check` judges."""
     try:
         return np.asarray(pair, dtype=float).shape == (2,)
@@ -125,7 +132,7 @@ def _is_pair(pair: Sequence[float]) -> bool:
         return False
 
 
-def _as_numbers(name: str, value: ArrayLike, dimensions: int | None, advice: str) -> np.ndarray:
+def _as_numbers(name: str, value: ArrayLike | None, dimensions: int | None, advice: str) -> np.ndarray:
     """Numbers of a trajectory, finite or not: that is for `Follower.check`."""
     try:
         found = np.asarray(value, dtype=float)

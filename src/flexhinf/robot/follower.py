@@ -7,6 +7,9 @@ a goal is replaced, cancelled or linear. All is done in a bounded number of oper
 same.
 """
 
+# Not checked strictly: what a caller passes may be of another type than stated.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -141,8 +144,8 @@ class Follower(StatedRepr):
     latency: int = 0
     stop_time: float = 0.5
     partial: bool = False
-    path_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    path_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict[str, Sequence[float]])
+    goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict[str, Sequence[float]])
     goal_time: float = 0.0
     timeout: float = 0.0
     limited: bool = True

@@ -17,11 +17,15 @@ of the motor sees θ, one of the link q.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.scalars import absolute, clip, where
+
+T = TypeVar("T")
 
 #: Numbers of a curve: its three slopes, then the torques of its two corners.
 CURVE = ("first_stiffness", "second_stiffness", "third_stiffness", "first_torque", "second_torque")
@@ -33,7 +37,7 @@ SECOND_CORNER = ("third_stiffness", "second_torque")
 SECANT = "secant of the stiffness curve to T₂; its range are the slopes"
 
 
-def curve_number(quantity: str, stated: Any, fallback: Any) -> Any:
+def curve_number(quantity: str, stated: Mapping[str, T], fallback: T) -> T | float:
     """One number of a joint's curve: what it states by name, else what makes its curve straight from there on.
 
     `fallback` is its plain stiffness, of a joint without a curve.
@@ -64,21 +68,21 @@ def curve_parts(p: Any) -> list[tuple[Any, Any]]:
     ]
 
 
-def curve_torque(twist: Any, p: Any) -> Any:
+def curve_torque(twist: Any, p: Any) -> Elements:
     """T(δ) on any element."""
     _, (second, at_first), (third, at_second) = curve_parts(p)
     beyond = twist - clip(twist, -at_first, at_first), twist - clip(twist, -at_second, at_second)
     return p.first_stiffness * twist + second * beyond[0] + third * beyond[1]
 
 
-def curve_twist(torque: Any, p: Any) -> Any:
+def curve_twist(torque: Any, p: Any) -> Elements:
     """δ(T) on any element."""
     one, two, three = (1.0 / slope for slope in (p.first_stiffness, p.second_stiffness, p.third_stiffness))
     beyond = [torque - clip(torque, -at, at) for at in (p.first_torque, p.second_torque)]
     return one * torque + (two - one) * beyond[0] + (three - two) * beyond[1]
 
 
-def curve_softness(torque: Any, p: Any) -> Any:
+def curve_softness(torque: Any, p: Any) -> Elements:
     """dδ/dT at a torque on any element, rad/(N·m) or m/N: the inverse of the slope there."""
     one, two, three = (1.0 / slope for slope in (p.first_stiffness, p.second_stiffness, p.third_stiffness))
     size = absolute(torque)
@@ -104,7 +108,7 @@ def tooth_error(angle: Any, ratio: Any, p: Any) -> tuple[Any, Any]:
     return p.kinematic_error * np.sin(phase), (2.0 * ratio) * p.kinematic_error * np.cos(phase)
 
 
-def tooth_ripple(angle: Any, p: Any) -> Any:
+def tooth_ripple(angle: Any, p: Any) -> Elements:
     """R sin(2 N θ + φ_R), N·m or N, against the motor."""
     return p.torque_ripple * np.sin(2.0 * p.gear_ratio * angle + p.torque_ripple_phase)
 

@@ -39,9 +39,9 @@ class Description:
 
     path: Path
     root: Element
-    joints: list[str] = field(default_factory=list)  # that move; by default those of `_moving`
-    inertias: dict[str, Correction] = field(default_factory=dict)
-    changes: list[str] = field(default_factory=list)  # what was done to read it, in sentences
+    joints: list[str] = field(default_factory=list[str])  # that move; by default those of `_moving`
+    inertias: dict[str, Correction] = field(default_factory=dict[str, Correction])
+    changes: list[str] = field(default_factory=list[str])  # what was done to read it, in sentences
 
     @property
     def is_mjcf(self) -> bool:
@@ -58,6 +58,7 @@ class Description:
 
     def arm(self) -> RigidArm:
         """What is read once faults are got round; InvalidInput for a fault that has no way round."""
+        left = list[PartFault]()
         for _ in range(ROUNDS):
             with file_warnings(), collected_faults() as faults:
                 arm = self.read()
@@ -72,9 +73,10 @@ class Description:
                     if motor.left_out
                 ]
                 return arm
+            left = faults
             for fault in faults:
                 self._work_around(fault, arm)
-        raise _error(faults[0])
+        raise _error(left[0])
 
     def _work_around(self, fault: PartFault, arm: RigidArm) -> None:
         if fault.kind == NO_BODY:
@@ -335,7 +337,7 @@ def _text(value: str) -> str:
 def _home(found: Description, arm: RigidArm) -> dict[str, float]:
     """Where each joint rests: at the keyframe of an MJCF file, else in the middle of its range."""
     keyed = first_keyframe(found.root) if found.is_mjcf else {}
-    home = {}
+    home = dict[str, float]()
     for joint in arm.joints:
         low, high = joint.limits or (0.0, 0.0)
         place = keyed.get(joint.name, 0.5 * (low + high))

@@ -82,7 +82,7 @@ def file_sensors(
 ) -> tuple[JointSensor, ...]:
     """The sensors that the joints of a file state, by the rows of their tables and the robot's nominal numbers."""
     stated = {row["name"]: row["sensor"] for row in rows}
-    found = []
+    found = list[JointSensor]()
     for joint, sliding in zip(joints, slides):
         ratio = numbers.get(per_joint("gear_ratio", joint, len(joints)))
         for row in stated.get(joint, ()):

@@ -7,6 +7,10 @@ A number is plausible by what it does to the robot, such as its twist by weight.
 lies a factor of ten or more, where a `RobotFileWarning` is given.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -57,10 +61,8 @@ def check_reference(
     float
         The largest share of the effort that the feedforward uses; 0 without `effort`.
     """
-    duration, period = (
-        checked_positive(f"The {name}", value, "seconds", "seconds")
-        for name, value in (("duration", duration), ("period", period))
-    )
+    duration = checked_positive("The duration", duration, "seconds", "seconds")
+    period = checked_positive("The period", period, "seconds", "seconds")
     times = np.append(np.arange(0.0, duration, period), duration)
     names, rates, motors = (
         signal_names(quantity, robot.joint_names)
@@ -230,9 +232,8 @@ def pose_at(
     pose = np.clip(best.x, low, high)
 
     def values(q: np.ndarray) -> np.ndarray:
-        return np.linalg.svd(
-            np.array([(at(q + e) - at(q - e)) / 2e-6 for e in (1e-6 * np.eye(len(q)))]).T, compute_uv=False
-        )
+        slopes = [(at(q + e) - at(q - e)) / 2e-6 for e in (1e-6 * np.eye(len(q)))]
+        return np.linalg.svd(np.array(slopes).T, compute_uv=False)
 
     # Over the smallest singular value that is not zero at poses in general.
     typical = np.max([values(pose + rng.uniform(-1.0, 1.0, n)) for _ in range(8)], axis=0)
@@ -248,7 +249,7 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     """
     tree, _, centres, _ = robot.links.rigid(Parameters(robot.plant_parameters()))
     turns, places = link_frames(robot, positions)
-    lines = []
+    lines = list[np.ndarray]()
     for i in range(len(tree)):
         children = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
         end = places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)
@@ -515,7 +516,7 @@ def _twist_advice(twist: float, spring: float, constant: float) -> str:
     )
 
 
-def _stall(p: Any) -> Any:
+def _stall(p: Mapping[str, Any]) -> np.ndarray | float:
     """Torque per volt of motors that stand still, on the link side; 0 without a resistance."""
     return np.asarray(p["torque_constant"]) / p["resistance"] if "resistance" in p else 0.0
 

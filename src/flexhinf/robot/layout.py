@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import refuse_if
 from flexhinf.validation import one_of
 
@@ -62,7 +63,7 @@ class Layout:
     @staticmethod
     def of_plant(plant: Any) -> Layout:
         """The layout of a robot's plant."""
-        return replace(Layout.of(plant.states), coupling=tuple(map(tuple, plant.coupling)))
+        return replace(Layout.of(plant.states), coupling=tuple(tuple(row) for row in plant.coupling))
 
     @property
     def elastic(self) -> list[int]:
@@ -91,28 +92,28 @@ class Layout:
         return x[:n], x[n : 2 * n], x[2 * n : 2 * n + e], x[2 * n + e : 2 * n + 2 * e]
 
     # Coupling -------------------------------------------------------------------------------------
-    def at_motors(self, links: Any) -> Any:
+    def at_motors(self, links: Elements) -> Elements:
         """T q (n,) of any element, or (n, N): where the outputs of the gears are, by link positions; rates likewise."""
         return _product(self.matrix, links) if self.coupling else links
 
-    def on_links(self, torques: Any) -> Any:
+    def on_links(self, torques: Elements) -> Elements:
         """Tᵀ τ (n,) of any element, or (n, N): torques at the links, by those of the motors."""
         return _product(self.matrix.T, torques) if self.coupling else torques
 
-    def on_motors(self, torques: Any) -> Any:
+    def on_motors(self, torques: Elements) -> Elements:
         """T⁻ᵀ τ (n,) of any element, or (n, N): torques that the motors feel, by those at the links."""
         return _product(self.inverse.T, torques) if self.coupling else torques
 
-    def at_links(self, motors: Any) -> Any:
+    def at_links(self, motors: Elements) -> Elements:
         """T⁻¹ θ (n,) of any element, or (n, N): where the links are whose springs are relaxed."""
         return _product(self.inverse, motors) if self.coupling else motors
 
     # Springs --------------------------------------------------------------------------------------
-    def of_springs(self, motors: Any) -> Any:
+    def of_springs(self, motors: Elements) -> Elements:
         """The entries of the motors with a spring (e,), of one for each motor (n,)."""
         return motors[self.elastic] if self.rigid else motors
 
-    def at_springs(self, links: Any) -> Any:
+    def at_springs(self, links: Elements) -> Elements:
         """The ends of the springs (e,) on the side of the links, by link positions (n,); rates likewise."""
         return self.of_springs(self.at_motors(links))
 
@@ -125,7 +126,7 @@ class Layout:
         self.split(moved)[2][:] += np.asarray(p.backlash, dtype=float)  # a view of the copy
         return moved
 
-    def motors(self, links: Any, motors: Any) -> Any:
+    def motors(self, links: Elements, motors: Elements) -> Elements:
         """One entry per motor (n,): its own of an elastic joint, the link's of a rigid one."""
         if not self.rigid:
             return motors
@@ -145,7 +146,7 @@ class Layout:
 
 def _product(matrix: np.ndarray, values: Any) -> np.ndarray:
     """matrix @ values, of any element, without its zeros and ones."""
-    rows = []
+    rows = list[object]()
     for row in matrix.tolist():
         parts = [value if factor == 1.0 else factor * value for factor, value in zip(row, values) if factor]
         rows.append(sum(parts[1:], parts[0]))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -195,7 +195,7 @@ def _check_elements(root: Element, refused: Collection[str]) -> None:
 def _arm_of(root: Element, moving: Collection[str]) -> Element:
     """The file without what the world carries beside the moving joints, and without its actuators; says which bodies
     that could move are left out."""
-    root, left, gone = copy.deepcopy(root), [], set[str]()
+    root, left, gone = copy.deepcopy(root), list[str](), set[str]()
     for world in root.findall("worldbody"):
         for part in [part for part in world if part.tag not in SCENERY]:
             names = {joint.get("name", "") for joint in part.iter("joint")}
@@ -430,7 +430,7 @@ def _check_couplings(root: Element, moving: Sequence[str]) -> None:
             if any(part.tag not in ("site", "pulley") for part in element):
                 return True
         places = [f"{word} {name}" for word in ("body", "site") for name in ends[word]]
-        at = {carriers.get(place, "") for place in places} | ({""} if len(places) == 1 else set())
+        at = {carriers.get(place, "") for place in places} | ({""} if len(places) == 1 else set[str]())
         return not places or len(at) > 1
 
     for element in (element for group in root.findall("equality") for element in group):
@@ -482,7 +482,8 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
         while carrier is not None and not any(joint.name in moving for joint in carrier.joints):
             carrier = carrier.parent
         if stated or light or kind == "plane" or not (solid or carrier is not None):
-            geom.type, geom.meshname, geom.hfieldname = type(geom.type).mjGEOM_SPHERE, "", ""
+            kinds = cast("Any", type(geom.type))
+            geom.type, geom.meshname, geom.hfieldname = kinds.mjGEOM_SPHERE, "", ""
             geom.mass, geom.density, geom.size = 0.0, 0.0, (1.0, 0.0, 0.0)
             geom.fromto = (np.nan,) * 6
         elif not solid:
@@ -530,7 +531,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
     places: list[tuple[int | None, Placement]] = [(None, Placement())]
     for k in range(1, model.nbody):
         name = model.body(k).name
-        carrier, above = places[model.body_parentid[k]]
+        carrier, above = places[int(model.body_parentid[k])]
         place = above.then(_placement(model.body_pos[k], model.body_quat[k]))
         for j in range(model.body_jntadr[k], model.body_jntadr[k] + model.body_jntnum[k]):
             if model.jnt_type[j] < 2:
@@ -539,8 +540,8 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             at = int(model.jnt_qposadr[j])
             kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
             limits: Any = range_of(*model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
-            anchor = model.jnt_pos[j].tolist()
-            place = place.then(Placement(translation=tuple(anchor))).then(
+            a, b, c = model.jnt_pos[j].tolist()
+            place = place.then(Placement(translation=(a, b, c))).then(
                 moved(kind, axis, -float(model.qpos0[at]))
             )
             kind = "continuous" if kind == "revolute" and limits is None else kind
@@ -551,7 +552,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
                 if (motor := dc_motor(model, j)) is not None:
                     arm.dc_motors[joint] = motor
                 arm.frames[joint] = Frame(joint, Placement())
-            place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
+            place = place.then(Placement(translation=(-a, -b, -c)))
         places.append((carrier, place))
         if carrier is not None:
             centre = place.then(_placement(model.body_ipos[k], model.body_iquat[k]))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from flexhinf.arrays import Matrix
 from flexhinf.robot.layout import Layout
 from flexhinf.scalars.spectral import damping_ratio
 
@@ -91,7 +92,7 @@ def named_modes(
     Eigenvalues (N,), 1/s, and eigenvectors (N, N) in columns are of a state that begins with link positions, link
     velocities, motor positions, motor velocities. The others are those of `Energy`.
     """
-    fastest, n, modes = np.abs(values).max(initial=0.0), len(joints), []
+    fastest, n, modes = np.abs(values).max(initial=0.0), len(joints), list[Mode]()
     weight, rigid = np.diag(inertia), np.isinf(stiffness)
     layout, springs = Layout(n, tuple(np.flatnonzero(rigid).tolist())), np.where(rigid, 0.0, stiffness)
     for value, vector in zip(values, vectors.T):
@@ -116,11 +117,10 @@ def stiffness_and_inertia(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
     stiffness[elastic] = np.atleast_1d(p.stiffness)
     motors[elastic] = np.atleast_1d(p.motor_inertia)[elastic]
     a, _, torques, _ = plant.linearise(*equilibrium)
-    links = (
-        np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
-        if layout.rigid or layout.coupling
-        else np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
-    )
+    if layout.rigid or layout.coupling:
+        links = cast("Matrix", np.linalg.inv(torques[n : 2 * n, :n]))  # ∂q̈1/∂d_link = M⁻¹
+    else:  # M, as ∂q̈1/∂q2 = M⁻¹ K
+        links = cast("Matrix", np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness))).T
     inertia = np.zeros((2 * n, 2 * n))
     inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
     return Energy(stiffness, inertia, layout.matrix)

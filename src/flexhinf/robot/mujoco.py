@@ -323,7 +323,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     ]
     down = np.asarray(robot.links.down)
     across = np.cross(down, np.eye(3)[int(np.argmin(np.abs(down)))])  # no gravity on rotors that slide
-    axis, rotors = _row(across / np.linalg.norm(across)), []
+    axis, rotors = _row(across / np.linalg.norm(across)), list[str]()
     for i in layout.elastic:
         slides, share = rigid[0].joints[i].slides, rotor[0][i] * ROTOR_SHARE
         mass, moment = (share, 1.0) if slides else (1.0, share)
@@ -343,7 +343,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
         f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-half)} {_n(half)}">'
         f'<joint joint={quoteattr(motors[i])} coef="1"/>{ends[i]}</fixed>'
         for parts in twist
-        for i, k, c, half in zip(layout.elastic, *parts)
+        for i, (k, c, half) in zip(layout.elastic, zip(*parts))
         if k or c
     ]
     turning = [own[i] if i in layout.rigid else "" for i in range(n)]

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import StatedRepr
@@ -112,7 +112,7 @@ def parameter_units(values: Mapping[str, Any], slides: Sequence[bool]) -> dict[s
 
     Arrays have one row per joint, and are counted row by row; `slides` says which joints are prismatic.
     """
-    units = {}
+    units = dict[str, str]()
     for name, value in values.items():
         size = int(np.size(value))
         sliding = slides if size == len(slides) else [False] * size
@@ -211,10 +211,11 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
         return np.full(len(joints), np.inf)
     listed = stated
     if isinstance(stated, Mapping):
-        named = {dict(zip(signals, joints)).get(name, name): value for name, value in stated.items()}
+        by_name = cast("Mapping[str, Any]", stated)
+        named = {dict(zip(signals, joints)).get(name, name): value for name, value in by_name.items()}
         listed = [named.get(joint, np.nan) for joint in joints] if set(named) <= set(joints) else np.nan
     elif isinstance(stated, Sequence) and not isinstance(stated, (str, bytes)) and not signals:
-        listed = [np.inf if limit is None else limit for limit in stated]
+        listed = [np.inf if limit is None else limit for limit in cast("Sequence[object]", stated)]
     limits = real_array(listed)
     if limits.size == 1 and signals:
         limits = np.full(len(joints), limits.item())

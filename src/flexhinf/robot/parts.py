@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -489,7 +489,7 @@ def single_link_robot(
     numbers |= elastic.numbers
     return Robot(
         name,
-        tuple(_parameter(name, number, name) for name, number in numbers.items() if number is not None),
+        tuple(_parameter(name, number, name) for name, number in numbers.items()),
         links=Pendulum(Tree((Joint(joint.name, limits=joint.limits),))),
         **driven([elastic]),
         **settings,
@@ -506,7 +506,7 @@ class RobotFileWarning(UserWarning):
 
 
 @contextmanager
-def file_warnings(tell: Callable[[str], object] = lambda text: None) -> Iterator[list[str]]:
+def file_warnings(tell: Callable[[str], object] = lambda text: None) -> Generator[list[str]]:
     """Keep warnings about robot files from Python; when the block ends their texts are told, and in the list."""
     texts: list[str] = []
     with warnings.catch_warnings(record=True) as caught:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,12 +21,15 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
     if pose is None:
         pose = default
     if isinstance(pose, Mapping):
-        named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
+        by_name = cast("Mapping[str, Any]", pose)
+        named = {name.removeprefix("link_position_"): value for name, value in by_name.items()}
         if len(names) == 1 and "link_position" in named:
             named[names[0]] = named.pop("link_position")
         pose = dict(zip(names, default)) | named
+        stated = list(pose.values())
+    else:
+        stated = list(np.atleast_1d(np.asarray(pose, object)))
     values = pose_values(pose, names, f"robot {robot!r}")
-    stated = list(pose.values()) if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, object))
     for joint, limits, slides, value, text in zip(names, links.limits, links.slides, values, stated):
         low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
         if low <= value <= high:

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -79,23 +79,25 @@ class RigidArm:
 
     movable: tuple[str, ...]
     locked: Mapping[str, float | None]
-    inertias: Mapping[str, Correction] = field(default_factory=dict)
-    joints: list[Joint] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
-    frames: dict[str, Frame] = field(default_factory=dict)
-    tips: list[str] = field(default_factory=list)
-    efforts: list[float] = field(default_factory=list)
-    speeds: list[float] = field(default_factory=list)
-    motors: dict[str, dict[str, float]] = field(default_factory=dict)
-    dc_motors: dict[str, DcMotor] = field(default_factory=dict)
-    repeated: list[str] = field(default_factory=list)
+    inertias: Mapping[str, Correction] = field(default_factory=dict[str, Correction])
+    joints: list[Joint] = field(default_factory=list[Joint])
+    links: list[Link] = field(default_factory=list[Link])
+    frames: dict[str, Frame] = field(default_factory=dict[str, Frame])
+    tips: list[str] = field(default_factory=list[str])
+    efforts: list[float] = field(default_factory=list[float])
+    speeds: list[float] = field(default_factory=list[float])
+    motors: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
+    dc_motors: dict[str, DcMotor] = field(default_factory=dict[str, DcMotor])
+    repeated: list[str] = field(default_factory=list[str])
     gravity: float = GRAVITY
     down: tuple[float, float, float] | None = None
-    _bodies: list[list[Any]] = field(default_factory=list)
+    _bodies: list[list[Any]] = field(default_factory=list[list[Any]])
     _doubtful: dict[str, str] = field(
-        default_factory=dict
+        default_factory=dict[str, str]
     )  # of links whose inertia is no body's: what is wrong
-    _nearest: dict[str, str] = field(default_factory=dict)  # of those that lack much: the nearest of a body
+    _nearest: dict[str, str] = field(
+        default_factory=dict[str, str]
+    )  # of those that lack much: the nearest of a body
 
     def add_joint(
         self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
@@ -277,24 +279,29 @@ def check_count(what: str, count: int, most: int) -> None:
     )
 
 
-def check_selection(joints: Any, locked: Any) -> None:
+def check_selection(joints: object, locked: object) -> None:
     """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
+    names = cast("Sequence[object]", joints) if listed else ()
+    chosen = [name for name in names if isinstance(name, str)]
     refuse_if(
-        joints is not None and not (listed and all(isinstance(name, str) for name in joints)),
+        joints is not None and not (listed and len(chosen) == len(names)),
         "The joints that move are not named.",
         f"expected a list of names, got joints={value_text(joints, 60)}",
         "joints=['shoulder', 'elbow']",
     )
-    distinct("joints: the joint", list(joints or ()))
+    distinct("joints: the joint", chosen)
+    places = (
+        cast("Mapping[object, object]", locked) if isinstance(locked, Mapping) else dict[object, object]()
+    )
     refuse_if(
         locked is not None
-        and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)),
+        and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in places)),
         "The joints that are locked are not named.",
         f"expected names and positions, got locked={value_text(locked, 60)}",
         "locked={'elbow': 0.0}",
     )
-    for name, value in (locked or {}).items():
+    for name, value in places.items():
         refuse_if(
             not abs(real_number(value)) <= HUGE,
             f"The joint {value_text(name, 60)} is locked at no position.",

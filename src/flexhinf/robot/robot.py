@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -233,7 +233,7 @@ class Robot(Pictured):
     def assumed_damping(self) -> dict[str, Parameter]:
         """Damping D = τ K by elastic joint of which the robot states none, N·m·s/rad or N·s/m; 0 counts as stated. τ is
         that of `flexhinf.robot.springs` at home."""
-        joints, plant, found = self.joint_names, self.plant(), {}
+        joints, plant, found = self.joint_names, self.plant(), dict[str, Parameter]()
         for spring in springs_of(plant.linearise(*self.operating_point())[0], plant, joints, self.layout):
             name, stiffness = (per_joint(each, spring.joint, len(joints)) for each in (DAMPING, "stiffness"))
             if name not in self.nominal:
@@ -419,7 +419,7 @@ class Robot(Pictured):
         flow = InverseFlow(
             self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout
         )
-        joints, arrays = self.joint_names, []
+        joints, arrays = self.joint_names, list[np.ndarray]()
         for name, value in zip(ORDERS, (q, dq, ddq, dddq, ddddq)):
             array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
             if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
@@ -557,7 +557,7 @@ class Robot(Pictured):
         whole = {**self.nominal, **dry, **own}
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         if not shape:
-            return self.plant_parameters(whole)
+            return self.plant_parameters(cast("dict[str, float]", whole))
         return plant_columns(self.links, self.drive, self.joint_names, self.rigid, whole, shape)
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> PlantValues:

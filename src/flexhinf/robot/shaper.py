@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.arrays import Matrix
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.errors import refuse_if
 
 if TYPE_CHECKING:
@@ -124,7 +124,8 @@ def longest_period(robot: Robot, path: Matrix) -> float:
 def delayed(path: Matrix, period: float, by: Matrix) -> Matrix:
     """A path (N, n), which rested at its first row before, later by a time (N,) of each sample, s."""
     times = period * np.arange(len(path))
-    return np.stack([np.interp(times - by, times, column) for column in path.T], axis=1)
+    columns: list[Vector] = [np.interp(times - by, times, column) for column in path.T]
+    return np.stack(columns, axis=1)
 
 
 def shaped_by(frequencies: Matrix, path: Matrix, period: float) -> Matrix:

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import refuse_if
 from flexhinf.plant.penalty import Penalty, check_weighted
 from flexhinf.robot.elastic import spring_torques
@@ -127,7 +128,7 @@ def _of_joints(
     names: Sequence[str], quantities: Sequence[str], joints: Sequence[str], known: Collection[str]
 ) -> str:
     """As an advice, the same sensors with the joints that are meant; "" where none is like a joint that is named."""
-    meant = []
+    meant = list[str]()
     for name in names:
         quantity = next((one for one in quantities if name.startswith(f"{one}_")), "")
         joint = nearest(name.removeprefix(f"{quantity}_"), joints, "").strip("'") if quantity else ""
@@ -166,7 +167,7 @@ class Sensors:
     extras: tuple[str, ...]
     layout: Layout
 
-    def __call__(self, x: Any, u: Any, p: Any) -> Any:
+    def __call__(self, x: Any, u: Any, p: Any) -> Elements:
         """The measured signals (p,) of any element; the motor of a rigid joint is where its link is."""
         q, dq, theta, dtheta = self.layout.split(x)
         columns = q, dq, self.layout.motors(q, theta), self.layout.motors(dq, dtheta)
@@ -198,7 +199,7 @@ class WeightedStatesAndTorques:
     rates: tuple[float, ...]
     layout: Layout
 
-    def __call__(self, x: Any, p: Any) -> Any:
+    def __call__(self, x: Any, p: Any) -> Elements:
         """h (s,) of any element."""
         q, dq, theta, dtheta = self.layout.split(x)
         torque, rate = (p.stiffness * (b - self.layout.at_springs(a)) for a, b in ((q, theta), (dq, dtheta)))
@@ -221,14 +222,16 @@ def robot_penalty(
     """
     rigid = [joints[i] for i in layout.rigid]
     named = [signal_names(quantity, joints, rigid) for quantity in ("joint_torque", "joint_torque_rate")]
-    if not isinstance(penalty.states, Mapping):
+    weighted = penalty.states
+    if not isinstance(weighted, Mapping):
         return penalty
+    stated = cast("Mapping[str, float]", weighted)
     singles = (*states, *named[0], *named[1])
     plain = [group for group, members in groups.items() if set(members) <= set(singles)]
-    check_weighted(penalty.states, list(dict.fromkeys((*plain, *singles))))
-    if not {*named[0], *named[1]} & set(penalty.states):
+    check_weighted(stated, list(dict.fromkeys((*plain, *singles))))
+    if not {*named[0], *named[1]} & set(stated):
         return penalty
-    weights = dict(penalty.states)
+    weights = dict(stated)
     torques, rates = (tuple(float(weights.pop(name, 0.0)) for name in names) for names in named)
     kept = replace(penalty, states=weights).weights(states)
     return replace(penalty, states=WeightedStatesAndTorques(tuple(kept.tolist()), torques, rates, layout))

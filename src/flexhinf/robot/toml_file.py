@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
@@ -18,7 +18,9 @@ from flexhinf.robot.file_keys import (
     NESTING,
     TABLES,
     Key,
+    Place,
     Unusable,
+    is_dict,
     is_table,
     key_advice,
     number_in,
@@ -80,7 +82,7 @@ class RobotFile:
         if isinstance(self.data.get("joint"), list):
             with located(self.file):
                 check_count("joints", len(self.data["joint"]), MOST_JOINTS)
-        self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
+        self.stated: list[tuple[Place, tuple[str, ...], Stated]] = []
         self._mistakes: list[tuple[str, str, str]] = []
         self.root = self.table(self.data, TABLES[""], ())
         for what, found, advice in self._mistakes if collects_faults() else ():
@@ -97,11 +99,11 @@ class RobotFile:
         self._used: set[tuple[str | None, str]] = set()
 
     # Keys -----------------------------------------------------------------------------------------
-    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
+    def table(self, data: object, keys: Mapping[str, Key], place: Place) -> dict[str, Any]:
         """The keys of a table that are stated or have a default."""
-        if not isinstance(data, dict):
+        if not is_dict(data):
             raise Unusable("a table", "")
-        where, values = place_text(place, self.data), {}
+        where, values = place_text(place, self.data), dict[str, Any]()
         unknown = [name for name in data if name not in keys]
         self._mistakes += [
             (
@@ -127,7 +129,7 @@ class RobotFile:
                 values[name] = key.default
         return values
 
-    def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
+    def _value(self, value: object, key: Key, place: Place) -> object:
         try:
             parsed = key.read(self, value, key, place)
             if not key.usable(parsed):
@@ -145,14 +147,14 @@ class RobotFile:
             )
             return None
 
-    def check_units(self, robot: Any) -> Any:
+    def check_units(self, robot: Robot) -> Robot:
         """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
         slides = dict(zip(robot.joint_names, robot.links.slides))
         for place, units, number in self.stated:
-            kinds = set(slides.values()) if place[0] == "home" else set()
+            kinds = set(slides.values()) if place[0] == "home" else set[bool]()
             if place[0] == "joint" and len(place) > 2:
                 name = self.data["joint"][place[1]].get("name")
-                kinds = {slides[name]} if name in slides else set()
+                kinds = {slides[name]} if name in slides else set[bool]()
             order = next((k for k, name in enumerate(OF_COMMANDS) if name in place), None)
             own = UNITS[DRIVES[robot.drive]]
             choices = units if order is None else [per_second(unit, order) for unit in own]
@@ -170,7 +172,7 @@ class RobotFile:
 
     # Robots ---------------------------------------------------------------------------------------
     def whole_robot(
-        self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
+        self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: object
     ) -> Robot:
         """The robot of a TOML file that states its links too."""
         table, file = self.root, self.file
@@ -180,7 +182,7 @@ class RobotFile:
             "expected neither joints, locked nor links without urdf",
             "leave the joint out of the file; state the link's inertia in [joint.link]",
         )
-        joints = []
+        joints = list[Joint]()
         for row in table["joint"]:
             angles = row.get("rpy", [0.0, 0.0, 0.0])
             check_turns(f"{file}: joint {row['name']!r}", angles, "rpy = [{}, {}, {}]")
@@ -202,12 +204,13 @@ class RobotFile:
                 "mass, centre_of_mass and inertia of each link",
             )
         else:
-            self._ask_places(joints, links)
+            bodies = [link for link in links if isinstance(link, Link)]
+            self._ask_places(joints, bodies)
             with located(file):
-                robot = assembled(self.name, joints, links, springs, **settings)
+                robot = assembled(self.name, joints, bodies, springs, **settings)
         # A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
         # distance of the centre of mass.
-        frames = {}
+        frames = dict[str, Frame]()
         for joint, link in zip(joints, links):
             centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
             x, y, z = (2.0 * value_of(x) for x in centre)
@@ -216,7 +219,7 @@ class RobotFile:
         return self._finished(robot, frames, tips, payload)
 
     def robot_with(
-        self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
+        self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: object
     ) -> Robot:
         """The robot whose links another file states."""
         table, file = self.root, self.file
@@ -258,7 +261,7 @@ class RobotFile:
             for row, joint in zip(kept, placed)
         ]
         tell_friction(file, kept, arm, rigid.name)
-        links = []
+        links = list[Link]()
         for link, name in zip(arm.links, names):
             mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
             tolerances = (mass, *[centre] * 3, *[0.0] * 6)
@@ -276,7 +279,7 @@ class RobotFile:
 
     def _settings(
         self,
-        rows: Sequence[Any],
+        rows: Sequence[Mapping[str, Any]],
         fall: float = GRAVITY,
         direction: Sequence[float] | None = None,
         efforts: Sequence[float] | None = None,
@@ -297,15 +300,18 @@ class RobotFile:
             "speed_limits": [row.get("speed_limit", other) for row, other in zip(rows, speeds or nothing)],
         }
 
-    def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], loads: Any) -> Robot:
+    def _finished(
+        self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], loads: object
+    ) -> Robot:
         """The robot with its payloads (those of `loads`, or the file's), its tolerances and units checked.
 
         Payloads are in `frames`; where one does not say in which, that of the only one of the `tips` is meant.
         """
         names, count = robot.joint_names, len(robot.joint_names)
-        rows = loads if isinstance(loads, (list, tuple)) else [loads]
+        rows = cast("Sequence[object]", loads) if isinstance(loads, (list, tuple)) else [loads]
+        usable = [row for row in rows if isinstance(row, (str, Payload))]
         refuse_if(
-            loads is not None and not all(isinstance(row, (str, Payload)) for row in rows),
+            loads is not None and len(usable) < len(rows),
             "The payload is none.",
             f"expected text, a Payload or several, got {value_text(loads)}",
             "payload='0..3kg@hand'",
@@ -313,9 +319,9 @@ class RobotFile:
         payloads = (
             [self._payload(row) for row in self.root["payload"]]
             if loads is None
-            else [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
+            else [row if isinstance(row, Payload) else payload_from_text(row) for row in usable]
         )
-        places = []
+        places = list[Frame]()
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
             refuse_if(
@@ -338,7 +344,8 @@ class RobotFile:
                 "mass, centre_of_mass and inertia of the link instead of axis_inertia",
             )
         added = [number for load, frame in zip(payloads, places) for number in load.parameters(frame, count)]
-        scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
+        # A factor of all moments of a link whose inertia has a tolerance in a table [tolerances].
+        scales = list[Parameter]()
         stated = {row["name"]: row.get("link", {}) for row in self.root["joint"]}
         for joint in names:
             link = stated.get(joint, {})
@@ -373,26 +380,30 @@ class RobotFile:
         self._used |= {(None, key), (joint, key)}
         return self._tolerances.get(joint, {}).get(key, self._tolerances[None].get(key, 0.0))
 
-    def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
-        """A `Parameter` from the table of a number; of a vector three, with the same tolerance and source."""
+    def _vector(
+        self, table: Mapping[str, Any], quantity: str, joint: str | None = None
+    ) -> tuple[Parameter, ...]:
+        """Parameters from the table of a vector, with the same tolerance and source."""
+        return tuple(self._number({**table, "value": entry}, quantity, joint) for entry in table["value"])
+
+    def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Parameter:
+        """A parameter from the table of a number."""
         tolerance, ends = table.get("tolerance"), table.get("range")
         usual = (
             0.0 if joint is None else self._tolerance(joint, quantity)
         )  # a table may state more than is used
         if tolerance is None:
             tolerance = usual if ends is None else 0.0
-        if isinstance(table["value"], list):
-            return tuple(Parameter(quantity, x, tolerance, source=table["source"]) for x in table["value"])
         return Parameter(quantity, table["value"], tolerance, source=table["source"], range=ends)
 
     # Parts ----------------------------------------------------------------------------------------
-    def _ask_places(self, joints: Sequence[Joint], links: Sequence[Any]) -> None:
+    def _ask_places(self, joints: Sequence[Joint], links: Sequence[Link]) -> None:
         """Warn of joints whose place is not stated: a wrist would then stand in the elbow."""
         tree, missing, ends = Tree(tuple(joints)), list[str](), [0.0, 0.0, 0.0]
         for joint, parent, row in zip(joints, tree.parents, self.root["joint"]):
             if parent < 0 or "xyz" in row or joint.slides or joints[parent].slides:
                 continue
-            if not missing and isinstance(links[parent], Link):
+            if not missing:
                 ends = [float(f"{2.0 * value_of(x):.4g}") for x in links[parent].centre_of_mass]
             missing.append(joint.name)
         ask(
@@ -403,7 +414,7 @@ class RobotFile:
         )
 
     def _elastic(
-        self, row: Any, slides: bool, motor: Mapping[str, float] | None = None, source: str = ""
+        self, row: Mapping[str, Any], slides: bool, motor: Mapping[str, float] | None = None, source: str = ""
     ) -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
             own = {**row.get("spring", {}), **row["motor"]}
@@ -431,8 +442,8 @@ class RobotFile:
                 "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                 "one of the two",
             )
-            numbers = {
-                key: self._number(value, key, row["name"]) if isinstance(value, dict) else value
+            numbers: dict[str, Any] = {
+                key: self._number(value, key, row["name"]) if is_dict(value) else value
                 for key, value in own.items()
             }
             for quantity, value in (motor or {}).items():
@@ -455,7 +466,7 @@ class RobotFile:
             )
         return joint
 
-    def _link(self, row: Any) -> Any:
+    def _link(self, row: Mapping[str, Any]) -> Link | SingleLink:
         refuse_if(
             "link" not in row,
             f"{self.file}: the joint {row['name']!r} has no link.",
@@ -480,8 +491,8 @@ class RobotFile:
                 Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
                 for axes in INERTIA
             ]
-            mass, centre = (self._number(stated[key], key, name) for key in whole[:2])
-            return Link(mass, centre, moments)
+            mass = self._number(stated["mass"], "mass", name)
+            return Link(mass, self._vector(stated["centre_of_mass"], "centre_of_mass", name), moments)
 
     # Payload --------------------------------------------------------------------------------------
     def _payload(self, table: Mapping[str, Any]) -> Payload:
@@ -494,12 +505,12 @@ class RobotFile:
         )
         mass = self._number(table["mass"], "mass")
         place = "centre_of_mass"
-        centre = self._number(table[place], place) if place in table else None
+        centre = self._vector(table[place], place) if place in table else None
         per_mass: tuple[float, ...] = (0.0,) * 6
         for kind, sizes in shapes.items():
             per_mass = (
                 tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
-                if isinstance(sizes, dict)
+                if kind == "inertia"
                 else inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
             )
         with located(f"{self.file}: payload"):
@@ -525,7 +536,7 @@ def whole_weight(stated: Mapping[str, Any]) -> Mapping[str, Any]:
     return stated
 
 
-def tell_friction(file: str, rows: Sequence[Any], arm: RigidArm, source: str) -> None:
+def tell_friction(file: str, rows: Sequence[Mapping[str, Any]], arm: RigidArm, source: str) -> None:
     """Warn of frictions that come from <dynamics> of a URDF, a guess in many files: the elastic file states none."""
     taken = [
         (row["name"], key, value)

@@ -379,7 +379,7 @@ def _tell_unread(moving: Mapping[str, Element]) -> None:
 # Numbers ------------------------------------------------------------------------------------------
 def _vector(
     name: str, element: Element | None, key: str, default: Sequence[float], slides: bool = False
-) -> Any:
+) -> Sequence[float]:
     if element is None or element.get(key) is None:
         return default
     text = str(element.get(key))

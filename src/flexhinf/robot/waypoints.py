@@ -11,10 +11,10 @@ one row per waypoint; lines that begin with # are comments::
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, per_joint, split
@@ -24,6 +24,7 @@ from flexhinf.validation import HUGE, late_package, nearest, real_array, value_t
 if TYPE_CHECKING:
     import numpy as np
 
+    from flexhinf.arrays import Vector
     from flexhinf.robot.kinematics import Reached
     from flexhinf.robot.robot import Robot
 else:
@@ -86,18 +87,33 @@ class WaypointTable:
         return np.array(self.rows)[:, [named.index(name) for name in joints]]
 
 
-def waypoints(value: Any, timed: bool = True) -> Any:
+class TimedSignal(Protocol):
+    """A signal that ends, with its derivatives."""
+
+    duration: float
+    derivatives: Callable[..., object]
+
+
+def waypoints(value: object, timed: bool = True) -> WaypointTable | TimedSignal:
     """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is.
 
     Without a column ``time`` rows are 1 s apart where they need not be `timed`.
     """
-    if isinstance(value, (str, os.PathLike)) and str(value).strip():
-        return _read(Path(value), timed)
+    if path := _path_text(value):
+        return _read(Path(path), timed)
     if isinstance(value, Mapping):
-        return _table(list(value), list(value.values()), "The waypoints", lambda row: f"row {row + 1}", timed)
+        columns = cast("Mapping[object, Any]", value)
+        return _table(
+            list(columns), list(columns.values()), "The waypoints", lambda row: f"row {row + 1}", timed
+        )
     if isinstance(value, WaypointTable) or (hasattr(value, "derivatives") and hasattr(value, "duration")):
-        return value
+        return cast("WaypointTable | TimedSignal", value)
     raise ValueError(value)
+
+
+def _path_text(value: object) -> str:
+    path = str(cast("object", value)) if isinstance(value, (str, os.PathLike)) else ""
+    return path if path.strip() else ""
 
 
 def states_range(workspace: str) -> bool:
@@ -105,7 +121,7 @@ def states_range(workspace: str) -> bool:
     return workspace.strip() == LIMITS or ":" in workspace or "=" in workspace
 
 
-def stated_workspace(value: Any) -> Any:
+def stated_workspace(value: Any) -> str | WaypointTable:
     """Text; one (low, high) per joint, as text; or a `WaypointTable` of a file, of columns by name, or of a table."""
     value = value.to_dict("list") if hasattr(value, "to_dict") else value
     if isinstance(value, str) and states_range(value):
@@ -154,7 +170,11 @@ def _number(cell: str) -> float | str:
 
 
 def _table(
-    heading: Sequence[Any], columns: Sequence[Any], what: str, place: Any, timed: bool = True
+    heading: Sequence[object],
+    columns: Sequence[Any],
+    what: str,
+    place: Callable[[int], str],
+    timed: bool = True,
 ) -> WaypointTable:
     named = [name_and_unit(name) if isinstance(name, str) else ("", "") for name in heading]
     if not timed and columns and ("time" not in (name for name, _ in named)):
@@ -166,7 +186,7 @@ def _table(
             f"expected time,shoulder,elbow, each once, got {value_text(list(heading))}",
             "a header 'time [s],shoulder [deg],elbow [deg]'",
         )
-    values = {}
+    values: dict[str, Vector] = {}
     for (name, unit), column in zip(named, columns):
         units = SECONDS if name == "time" else {**TURNING, **SLIDING}
         if unit and unit not in units:
@@ -201,16 +221,19 @@ def _table(
             f"expected increasing times, got {times[row]:g} s after {times[row - 1]:g} s in {place(row)}",
             "sort the rows, and drop repeated times",
         )
-    rows = tuple(map(tuple, np.column_stack(list(values.values())).tolist()))
+    rows = tuple(tuple(row) for row in np.column_stack(list(values.values())).tolist())
     units = tuple(unit for name, unit in named if name != "time")
     return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
 
 
 def _numbers(column: Any) -> np.ndarray:
     """Numbers of a column; NaN where something else stands, true, false and text included."""
-    entries = column.tolist() if isinstance(column, np.ndarray) and column.ndim == 1 else column
+    entries: object = column
+    if isinstance(column, np.ndarray) and column.ndim == 1:
+        entries = cast("object", column.tolist())
     if isinstance(entries, (list, tuple)):
-        entries = [np.nan if isinstance(entry, (bool, np.bool_, str)) else entry for entry in entries]
+        listed = cast("Sequence[object]", entries)
+        entries = [np.nan if isinstance(entry, (bool, np.bool_, str)) else entry for entry in listed]
     return real_array(entries)
 
 

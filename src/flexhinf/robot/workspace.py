@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.joints import joint_ranges
 from flexhinf.robot.kinematics import position_of, position_ranges
@@ -97,7 +98,8 @@ class Workspace:
         path = np.asarray(self.path)
         low, high = ranges(self.robot)
         lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0) / (high - low), axis=1)))
-        return np.column_stack([np.interp(shares * lengths[-1], lengths, column) for column in path.T])
+        columns: list[Vector] = [np.interp(shares * lengths[-1], lengths, column) for column in path.T]
+        return np.column_stack(columns)
 
 
 def ranges(robot: Robot) -> np.ndarray:
@@ -122,7 +124,9 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
     elif isinstance(stated, (list, tuple, np.ndarray)):
         ends = real_array(stated).T
     else:
-        table: WaypointTable = waypoints(stated, timed=False)
+        table = waypoints(stated, timed=False)
+        if not isinstance(table, WaypointTable):
+            raise _refusal(stated, "waypoints")
         table = reached_waypoints(robot, table, tool)[0] if in_space(robot, table) else table
         path = table.positions(robot.joint_names, robot.links.slides)
         ends = np.array([path.min(axis=0), path.max(axis=0)])
