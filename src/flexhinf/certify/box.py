@@ -35,11 +35,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import prod
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from flint import fmpq
 
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.certify.certificate import (
     Certificate,
     bracket,
@@ -82,10 +83,10 @@ def parameter_ranges(robot: Robot, plant: Plant, scale: float = 1.0) -> dict[str
         table.replaced(table.known(robot.corner(dict(zip(names, signs))))).vector()
         for signs in itertools.product((-scale, scale), repeat=len(names))
     ]
-    low, high = np.min(rows, axis=0), np.max(rows, axis=0)
-    varies = low < high
-    low = np.where(varies, np.nextafter(low, -np.inf), low)
-    high = np.where(varies, np.nextafter(high, np.inf), high)
+    smallest, largest = np.min(rows, axis=0), np.max(rows, axis=0)
+    varies = smallest < largest
+    low = cast("Vector", np.where(varies, np.nextafter(smallest, -np.inf), smallest))
+    high = cast("Vector", np.where(varies, np.nextafter(largest, np.inf), largest))
     return dict(zip(flat_names(table), zip(low.tolist(), high.tolist())))
 
 
@@ -199,7 +200,8 @@ def group_ends(
 ) -> list[list[dict[str, Exact]]]:
     """Values of the parameters in the box at which the product of each of `parameter_groups` is smallest and
     largest."""
-    ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
+    ranges = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}
+    ends: list[list[dict[str, Exact]]] = []
     for group in parameter_groups(certificate):
         corners = (dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group)))
         smallest, *_, largest = sorted(corners, key=partial(power_product, group, unity=number(1.0)))
@@ -231,6 +233,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     reach = grid[np.maximum(inside.sum(axis=0) - 1, 0)]
     points = np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
     parts = _parts(statement, vertices, points)
+    scale = about
     for _ in range(_AGAIN):
         gammas = [_gamma(parts, s) for s in about * _SCALES]
         best = int(np.argmin([values.max() for values in gammas]))
@@ -279,7 +282,7 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
         for i in range(len(statement.states))
     ]
     law = [polynomial_at(row, x) for row in statement.law]
-    columns, weights = [], []
+    columns, weights = list[Vector](), list[Vector]()
     for i, along in enumerate(slope):
         rows = [
             *((term, np.ones(len(x))) for term in statement.drift[i]),
@@ -398,9 +401,8 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         return None
     p = _matrix(y[:-1], n) * (2.0 * np.linalg.eigvalsh(q).max() / -y[-1])
     through = p @ b
-    square = np.linalg.eigvalsh(
-        np.swapaxes(through, 1, 2) @ np.linalg.solve(-(np.swapaxes(a, 1, 2) @ p + p @ a + q), through)
-    ).max()
+    solved = cast("Matrix", np.linalg.solve(-(np.swapaxes(a, 1, 2) @ p + p @ a + q), through))
+    square = np.linalg.eigvalsh(np.swapaxes(through, 1, 2) @ solved).max()
     return np.append(p[np.triu_indices(n)], 2.0 * square)
 
 
@@ -435,7 +437,8 @@ def _centred(base: np.ndarray, parts: np.ndarray, y: np.ndarray, cost: np.ndarra
         gradient = cost - np.trace(moved, axis1=2, axis2=3).sum(axis=1)
         hessian = moved.reshape(len(y), -1) @ np.swapaxes(moved, 2, 3).reshape(len(y), -1).T
         scale = 1.0 / np.sqrt(np.diag(hessian))
-        step = -scale * np.linalg.lstsq(hessian * np.outer(scale, scale), scale * gradient, rcond=None)[0]
+        system = hessian * np.outer(scale, scale)
+        step = cast("Vector", -scale * np.linalg.lstsq(system, scale * gradient, rcond=None)[0])
         slope = float(gradient @ step)
         if -slope < _DECREMENT:
             break

@@ -41,6 +41,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.certify.certificate import polynomial_at
 from flexhinf.certify.inequality import BoxExcess, Inequality, QuotientTable, Rational, by_parity, parity
 from flexhinf.certify.kernel import (
@@ -98,7 +99,7 @@ class CellBounds:
         # V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance
         self.symmetric = 0 not in signs and all(odd <= _ASYMMETRY * (even + odd) for even, odd in sizes)
         if not self.symmetric:
-            split = [(terms, {}) for terms, _ in pairs]
+            split = [(terms, Rational()) for terms, _ in pairs]
         self.faces = [*product(range(self.n), (1,) if self.symmetric else (1, -1))]
         (value, whole, *factors), odd = zip(*split)
         highest = max(map(sum, whole))
@@ -248,7 +249,7 @@ class CellBounds:
             return unit * size + odd * (1 + 1e-12) + self._underflow
 
         size, odd = lowered @ self._whole_sizes[0], lowered @ self._odd_whole
-        errors, coefficients, sizes = [], [], iter(self._whole_sizes[1:])
+        errors, coefficients, sizes = list[Vector](), list[Matrix](), iter(self._whole_sizes[1:])
         for j, (form, table) in enumerate(zip(self.lines, self.tables)):
             slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
             at = np.array([sign * form[variable] for variable, sign in self.faces])[face]

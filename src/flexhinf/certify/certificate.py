@@ -22,6 +22,7 @@ from functools import cache
 from itertools import zip_longest
 from math import prod, sqrt
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -94,7 +95,7 @@ class Certificate(Summarised, Claim):
 
     def with_proved_starts(self) -> Certificate:
         """This certificate without the starts for which ball arithmetic does not show V ≤ level."""
-        inside = []
+        inside = list[Start]()
         for start in self.starts:
             with suppress(Refusal):
                 check_start(self, start)
@@ -174,10 +175,10 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         return dict(pairs)
 
     try:
-        content = json.loads(text, object_pairs_hook=once)
+        content = cast("object", json.loads(text, object_pairs_hook=once))
     except (ValueError, RecursionError) as error:
         raise unreadable("JSON", str(error)) from None
-    entries = dict(content) if isinstance(content, dict) else {"format": content}
+    entries = cast("dict[str, object]", content) if isinstance(content, dict) else {"format": content}
     kind, version = entries.pop("format", None), entries.pop("version", None)
     unknown = sorted(set(entries) - {entry.name for entry in fields(Certificate)})
     for readable, expected, got in (
@@ -306,7 +307,7 @@ def theorem_parts(
     claim: Claim, verification: Verification, whole: bool = True
 ) -> list[tuple[str, list[str]]]:
     """The theorem as pairs of a heading and its lines, with the marks that stand before them in `theorem_text`."""
-    statements, paths = _statements(claim, verification), []
+    statements, paths = _statements(claim, verification), list[str]()
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     for i, start in enumerate(claim.starts, 1):
         states = (
@@ -371,7 +372,7 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
     names = [s.name for s in claim.states]
     uncertain = [p for p in claim.parameters if p.low < p.high]
     fixed = [f"{p.name} = {p.low:.10g} {p.unit}".rstrip() for p in claim.parameters if p.low == p.high]
-    rates = []
+    rates = list[str]()
     for name, drift, g1, g2 in zip(names, claim.drift, claim.g1, claim.g2):
         rate = [_sum(drift, names, claim.functions)] if drift else []
         rate += [
@@ -541,7 +542,7 @@ def _up(value: float) -> str:
 def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven_by: str = "") -> str:
     """Terms in full, up to a dozen, as numerator/denominator, parameters before states before the function; each times
     the signal by which it is driven, if any."""
-    texts = []
+    texts = list[str]()
     for term in terms[:_MAX_TERMS]:
         below = [_power(name, -e) for name, e in term.parameters if e < 0]
         above = [
@@ -572,12 +573,11 @@ def _bracket(function: Function, names: list[str]) -> str:
         for value, name in zip(function.slope, names, strict=True)
         if value
     ]
-    inner = _joined(terms)
     o = [f"{function.offset:.10g}"] * bool(function.offset)
     if halves := function.pi_halves:  # a whole number of π/2
         whole, half = halves if halves % 2 else halves // 2, "/2" if halves % 2 else ""
         o = [{1: "pi", -1: "-pi"}.get(whole, f"{whole}*pi") + half, *o]
-    return f"[{function.name}({_joined([*o, inner])}) - {function.name}({_joined(o)})]"
+    return f"[{function.name}({_joined([*o, _joined(terms)])}) - {function.name}({_joined(o)})]"
 
 
 def common_unit(signals: tuple[Signal, ...]) -> str:

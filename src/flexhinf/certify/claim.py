@@ -368,7 +368,7 @@ class Claim(ClaimPart):
     observer: Observer | None = None
     sampled_level: Double | None = None
     attained_gain: Double | None = None
-    provenance: Annotated[dict[Name, Name], Field(max_length=100)] = field(default_factory=dict)
+    provenance: Annotated[dict[Name, Name], Field(max_length=100)] = field(default_factory=dict[str, str])
 
     def __post_init__(self) -> None:
         n, m, w = map(len, (self.states, self.inputs, self.disturbances))

@@ -45,6 +45,7 @@ from math import comb, prod
 import numpy as np
 from flint import arb, arb_series, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
+from flexhinf.arrays import Matrix
 from flexhinf.certify.box import group_ends, parameter_groups, power_product
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Function, PolynomialTerms, Term
@@ -257,7 +258,8 @@ class MeanForms:
         exponents = product(range(degree), *[range(degree + 1)] * (n - 1))
         rows = sorted((row for row in exponents if sum(row[1:]) <= min(degree, row[0] + 3)), key=sum)
         self._index = {row: i for i, row in enumerate(rows)}
-        self._parents = []  # of each monomial but 1: one that is a degree less, and the variable between them
+        # Of each monomial but 1: one that is a degree less, and the variable between them.
+        self._parents = list[tuple[int, int]]()
         self._derivatives = np.zeros((n, len(rows), len(rows)))
         for place, row in enumerate(rows):
             less = [(self._index.get(tuple(e - (i == j) for i, e in enumerate(row))), j) for j in range(n)]
@@ -266,7 +268,8 @@ class MeanForms:
             for parent, j in below:
                 self._derivatives[j, place, parent] = row[j]
         self._pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        self._tables = []  # of each face: values and gradients, magnitudes of values and second derivatives
+        # Of each face: values and gradients, magnitudes of values and second derivatives.
+        self._tables = list[tuple[Matrix, Matrix]]()
         for face, sign in product(range(n), (1, -1)):
             values, size = np.zeros((self.count, len(rows))), len(rows)
             for column, polynomial in zip(values, polynomials):
@@ -301,7 +304,7 @@ class MeanForms:
         k, pairs, size = self.count, len(self._pairs), len(face)
         spread = np.array([half[i] * half[j] for i, j in self._pairs])
         value_at, remainder, slopes = np.zeros((k, size)), np.zeros((k, size)), np.zeros((k, self.n, size))
-        for number in np.unique(face):
+        for number in map(int, np.unique(face)):
             cells = np.flatnonzero(face == number)
             table, magnitudes = self._tables[number]
             value, size_of = table @ at[:, cells], magnitudes @ beyond[:, cells]

@@ -11,6 +11,7 @@ A claim is about the nominal plant (`statement_of`) or about a box of its parame
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from math import pi, prod
 from typing import Any, NotRequired, TypedDict, cast
@@ -19,7 +20,7 @@ import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from flexhinf.arrays import Elements
+from flexhinf.arrays import Elements, Matrix
 from flexhinf.certify.certificate import Certificate, linear_part
 from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, PolynomialTerms, Signal, Term, Terms
 from flexhinf.codegen.operations import OPERATIONS
@@ -104,10 +105,14 @@ def plant_fields(
     problem.check_unchanged()
     table = problem.plant.parameters
     n, m, k = map(len, (problem.state_names, problem.input_names, problem.disturbance_names))
-    flow = trace(lambda x, u, d, p: problem.flow(x, u, d, table.named(p)), n, m, k, table.size)
-    output = trace(
-        lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
-    )
+
+    def flow_at(x: Elements, u: Elements, d: Elements, p: Elements) -> Elements:
+        return problem.flow(x, u, d, table.named(p))
+
+    def output_at(x: Elements, p: Elements) -> Elements:
+        return _checked(penalty, x, problem.penalty_output(x, table.named(p)))
+
+    flow, output = trace(flow_at, n, m, k, table.size), trace(output_at, n, table.size)
     reader = _TraceReader(
         n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
     )
@@ -161,7 +166,7 @@ def _of_polynomials(plant: PolynomialPlant, penalty: PenaltyMap | None) -> Plant
             if value
         )
 
-    output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
+    output = trace(partial(_checked, penalty), n, outputs)
     reader = _TraceReader(n, 0, (), np.zeros(0), output.n_instructions())
     others, h = (0,) * (len(reader.context.names()) - n), [row(plant.h_parts, i) for i in range(outputs)]
     designed = [
@@ -463,5 +468,6 @@ def coordinates(
 
 def few_bits(matrix: np.ndarray) -> np.ndarray:
     """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
-    scale = np.exp2(_BITS - 2 - np.ceil(np.log2(np.abs(matrix).max(axis=0, keepdims=True))))
-    return np.round(matrix * scale) / scale
+    scale: Matrix = np.exp2(_BITS - 2 - np.ceil(np.log2(np.abs(matrix).max(axis=0, keepdims=True))))
+    rounded: Matrix = np.round(matrix * scale)
+    return rounded / scale

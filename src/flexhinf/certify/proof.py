@@ -8,14 +8,19 @@ A step starts at each robot's own equilibrium at −a. If the input must not jum
 input equals the robot's holding input. Both are terms in a and in the robot's parameters.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from flint import fmpq
 
+from flexhinf.arrays import Matrix
 from flexhinf.certify.box import ParameterRanges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Progress, SearchOutcome, search
 from flexhinf.certify.certificate import Certificate, linear_system, polynomial_at, quadratic_part
@@ -49,6 +54,10 @@ _MOST_LEVELS, _FINE = 1e6, 1.05
 _FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
 _PASSES = 20  # of hull, M and X, which follow from each other
+
+
+#: Before cells are looked at.
+_NOT_CLOSED = SearchOutcome(False, "not closed", None, np.nan, np.nan, 0)
 
 
 class NotProved(NumericalFailure):
@@ -96,6 +105,7 @@ def certify(
     if observer is not None:
         check_bandwidth(solution, observer)
     statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
+    claim, outcome = statement, _NOT_CLOSED
     tried, shares, sampled = level, (1.0,), None
     if tried is None:
         check = sample_region(solution, gamma, penalty)
@@ -155,6 +165,7 @@ def prove(
     inequality = Inequality(statement)
     farthest, forms = _extent(inequality, statement.level)
     reach, extent = _rounded_up(_ROOM * farthest), (1.3 * forms + 0.1).tolist()
+    outcome = _NOT_CLOSED
     for _ in range(4):
         bounds = CellBounds(inequality, reach, extent)
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
@@ -329,9 +340,8 @@ def with_observer(
     linear, transform = a[:size, :size], np.array(certificate.coordinates)
     spread = (transform @ transform.T)[:size, :size]
     price = np.diag(np.diag(seen @ spread @ seen.T)) / bandwidth
-    covariance = solve_continuous_are(
-        (linear + bandwidth * np.eye(size)).T, seen.T, bandwidth * spread, price
-    )
+    shifted = (linear + bandwidth * np.eye(size)).T
+    covariance = cast("Matrix", solve_continuous_are(shifted, seen.T, bandwidth * spread, price))
     gain = covariance @ seen.T @ np.linalg.inv(price)
     energy = share * certificate.level
     weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, b1[:size], energy)
@@ -418,8 +428,8 @@ def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple
     """X of AᵀX + XA + M + XGGᵀX/γ_e² = 0 with γ_e a little over the smallest; without G, γ_e = 0."""
     from scipy.linalg import solve_continuous_lyapunov
 
-    plain = solve_continuous_lyapunov(closed.T, -weight)
-    plain = (plain + plain.T) / 2
+    solved = cast("Matrix", solve_continuous_lyapunov(closed.T, -weight))
+    plain = (solved + solved.T) / 2
     if not noise.any():
         return plain, 0.0
     pushed = noise @ noise.T

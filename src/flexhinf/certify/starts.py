@@ -13,6 +13,9 @@ This file also computes the data of a certificate's figures: slices of the regio
 worst disturbance. They illustrate the theorem and are not part of it.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import itertools
@@ -20,9 +23,11 @@ import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Protocol, cast
 
 import numpy as np
 
+from flexhinf.arrays import Matrix, Vector
 from flexhinf.certify.certificate import Certificate, path_start, path_states
 from flexhinf.certify.claim import Claim, Function, Start, Term, Terms
 from flexhinf.errors import FlexhinfError, NumericalFailure
@@ -56,7 +61,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     if equilibrium is None:
         return ()
     path, free = equilibrium
-    level, probe, paths = statement.start_level, 1e-3, []
+    level, probe, paths = statement.start_level, 1e-3, list[Start]()
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
         first = place(solution, path_start(statement, path, probe), free)
         step = 0.0 if first is None else probe * float(np.sqrt(level / solution.value(first))) / _STEPS
@@ -177,7 +182,7 @@ def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) ->
     """Integrator states for which the law's input keeps the start in equilibrium, by Newton's method."""
     index, count = np.flatnonzero(free), int(free.sum())
     f, _, g2, _ = solution.exact_fields(x[None])
-    input_at_goal = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]
+    input_at_goal = cast("Vector", np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0])
     if len(input_at_goal) != count:
         return None
     x, scale = x.copy(), 1 / np.sqrt(np.diag(solution.P)[index])
@@ -188,7 +193,7 @@ def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) ->
         slope = (inputs[1 : 1 + count] - inputs[1 + count :]).T / (2 * difference)
         if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < count:
             return None
-        step = -np.linalg.solve(slope, inputs[0] - input_at_goal)
+        step = cast("Vector", -np.linalg.solve(slope, inputs[0] - input_at_goal))
         x[index] += step
         if np.abs(step / np.maximum(np.abs(x[index]), scale * 1e-6)).max() < 1e-10:
             return x
@@ -313,6 +318,14 @@ class ProvedStep:
     state: np.ndarray  # (N, n), deviations from the goal
 
 
+class _Run(Protocol):
+    """What SciPy returns of a run."""
+
+    status: int  # 1 where an event ended it
+    t: Vector
+    y: Matrix  # a state per column
+
+
 def longest_run(solution: ValueFunction) -> float:
     """Duration in s after which a run has settled: `_TIME_CONSTANTS` of the slowest mode of the linear loop."""
     plant = solution.expansion
@@ -336,7 +349,7 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
         f, _g1, g2, _h = solution.exact_fields(x[None])
         return f[0] + g2[0] @ solution.inputs(x[None])[0]
 
-    longest, steps = longest_run(solution), []
+    longest, steps = longest_run(solution), list[ProvedStep]()
     for start in certificate.starts:
         first = path_start(certificate, start, start.amplitude)
         end = _SETTLED * float(solution.value(first))
@@ -345,15 +358,18 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
             return float(solution.value(x)) - end
 
         below.terminal = True  # type: ignore[attr-defined]
-        run = solve_ivp(
-            rates,
-            (0.0, longest),
-            first,
-            "LSODA",
-            events=below,
-            rtol=1e-8,
-            atol=1e-10,
-            max_step=longest / _RUN_STEPS,
+        run = cast(
+            "_Run",
+            solve_ivp(
+                rates,
+                (0.0, longest),
+                first,
+                "LSODA",
+                events=below,
+                rtol=1e-8,
+                atol=1e-10,
+                max_step=longest / _RUN_STEPS,
+            ),
         )
         if run.status != 1:
             raise NumericalFailure(
@@ -464,7 +480,8 @@ def start_surface(
         np.sqrt(2.0 * certificate.level * float(np.linalg.inv(solution.P)[integral, integral])),
         max(float(np.abs(p[:, 1]).max()) for p in paths),
     )
-    a, e = np.linspace(-width, width, POINTS), np.linspace(-height, height, POINTS)
+    a: Vector = np.linspace(-width, width, POINTS)
+    e = cast("Vector", np.linspace(-height, height, POINTS))
     points = np.repeat(path_states(start, certificate.middle, a)[None], POINTS, axis=0)
     points[:, :, integral] = e[:, None]
     return StartSurface(a, e, *_on(solution, certificate, penalty, points), paths)
@@ -533,7 +550,7 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
         d = g1[0].T @ solution.gradient(x) / gamma**2 if on else np.zeros(g1.shape[2])
         return f[0] + g1[0] @ d + g2[0] @ solution.inputs(x[None])[0], d
 
-    rows, spent, on = [], 0.0, True
+    rows, spent, on = list[tuple[float, Vector, Vector, float, float]](), 0.0, True
     for k in range(SAMPLES + 1):
         rate, d = rates(x, on)
         on = on and first + spent + 0.5 * gamma**2 * h * float(d @ d) < level

@@ -63,7 +63,7 @@ class TaylorTable:
         self._first = [int(np.searchsorted(rows[:, 0], k)) for k in range(2, degree + 1)]
         # Where rows go before each axis is shifted, so that a step of Horner's scheme is an operation on two slices;
         # and at last: to blocks of one β, of low |β| first, those with every k.
-        self._gathers, self._sizes, place = [], [], np.arange(len(rows))
+        self._gathers, self._sizes, place = list[np.ndarray](), list[list[int]](), np.arange(len(rows))
         for axis in range(1, n):
             others = np.delete(rows, axis, 1)
             room = rows[:, 0] - others[:, 1:].sum(1)  # highest exponent that the axis may have in this row
@@ -104,7 +104,7 @@ class TaylorTable:
         """Coefficients in s of P_k(τ + h s), by Horner's scheme along each axis (7); τ and h are (n − 1, cells)."""
         for axis, sizes in enumerate(self._sizes):
             c = c[self._gathers[axis]]
-            begin = np.r_[0, np.cumsum(sizes)].tolist()
+            begin = [0, *itertools.accumulate(sizes)]
             for i in range(len(sizes) - 1):
                 for p in range(len(sizes) - 2, i - 1, -1):
                     size = sizes[p + 1]
@@ -335,7 +335,7 @@ class Face:
 
         self._value = columns(proof.small, [proof.parts(exact.value)], np.ones(1))
         self._plain = columns(proof.table, [proof.parts(p) for p in exact.plain], weight)
-        self._factors, self._lifted = [], []
+        self._factors, self._lifted = list[_TableColumns](), list[list[_TableColumns]]()
         for s, row in zip(exact.arguments, exact.factors, strict=True):
             pairs = [proof.parts(p) for p in row]
             self._factors.append(columns(proof.small, pairs, weight))

@@ -68,12 +68,10 @@ def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.
         + spread @ form.tail[:-1]
     )
     score[0] += form.tail[-1]
-    axis = np.where(np.isfinite(score), score, 0.0).argmax(0)
-    return (
-        axis
-        if table.n == 1
-        else np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
-    )
+    axis: np.ndarray = np.where(np.isfinite(score), score, 0.0).argmax(0)
+    if table.n > 1:
+        axis = np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
+    return axis
 
 
 _POINTS, _NEAREST = 200, 1e-6  # along a ray at which r is looked at, and the first, relative to the last

@@ -14,7 +14,7 @@ Nothing is imported from the search. Every number of the file is a double, and r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -216,7 +216,7 @@ def interval_proved(claim: PairClaim, k: int) -> bool:
 
 
 @contextmanager
-def _balls() -> Iterator[None]:
+def _balls() -> Generator[None]:
     before = ctx.prec
     try:
         ctx.prec = BITS

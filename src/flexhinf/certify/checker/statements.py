@@ -110,7 +110,7 @@ def enclosed_value(
 def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[arb_series]:
     """x(a + ε) as power series in ε, between two knots of the table."""
     a = arb_series([about, 1], prec=terms)
-    states = []
+    states = list[arb_series]()
     for i, row in enumerate(start.path):
         x = arb_series([0], prec=terms)
         for term in row:
@@ -332,7 +332,7 @@ def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[fmpq_mpoly]]:
 def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: fmpq_mat) -> list[fmpq]:
     """Bounds of |z_i| for x in S plus any error e with ½ eᵀXe ≤ ε: |aᵀe|² ≤ 2ε aᵀX⁻¹a."""
     backwards, within = matrix_of(claim.coordinates).inv(), storage.inv()
-    result = []
+    result = list[fmpq]()
     for i in range(backwards.nrows()):
         a = fmpq_mat([[backwards[i, j] for j in estimated]])
         square = 2 * as_rational(observer.energy) * (a * within * a.transpose())[0, 0]
