@@ -111,8 +111,7 @@ def _cut(cells: np.ndarray, axis: np.ndarray) -> list[np.ndarray]:
     axis = np.clip(axis, 0, len(cells) // 2 - 1)
     inner, first, second = cells[:, axis == 0], *(cells[:, axis > 0] for _ in range(2))
     inner[-1] = (inner[-2] + inner[-1]) / 2
-    i: np.ndarray = axis[axis > 0] - 1
-    j = np.arange(len(first.T))
+    i, j = axis[axis > 0] - 1, np.arange(len(first.T))
     h = len(cells) // 2 - 1 + i
     for half, sign in ((first, -1), (second, 1)):
         half[h, j] /= 2
