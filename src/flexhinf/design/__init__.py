@@ -15,6 +15,8 @@ As an attribute of the package ``flexhinf.design`` is the function; its other na
 ``from flexhinf.design import Specification``.
 """
 
+# lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,6 +3,9 @@
 Each is designed and judged again as the command that states it would do, so what is said of it holds for that command.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import math
@@ -332,7 +335,7 @@ def limit_change(design: WorkspaceEvidence, margins: bool = True) -> Change | No
     values = {name: _looser(design, name) for name in values}
     if not all(values.values()):
         return None
-    moves, origin = len(design.sampled or design.moves), []
+    moves, origin = len(design.sampled or design.moves), list[str]()
     if {*values} & {*OF_MOVES}:
         origin.append(f"for {100.0 * QUANTILE:g} % of all moves, by {moves} of them")
     if {*values} - {*OF_MOVES}:

@@ -429,7 +429,7 @@ class GainSearch:
 
     def _rows(self, claim: _Claim, estimator: Any = None) -> list[GainRow]:
         """Gains of the nominal and of the worst robot with the true state, and of the nominal one with an estimator."""
-        s, problem, law, rows = self.s, claim.problem, self.synthesis.solution, []
+        s, problem, law, rows = self.s, claim.problem, self.synthesis.solution, list[GainRow]()
 
         def add(robot: str, loop: str, what: str, attained: Attained, numbers: Mapping[str, float]) -> None:
             rows.append(

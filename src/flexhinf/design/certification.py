@@ -182,7 +182,10 @@ def certify_design(
         "expected parameters with a tolerance, got none",
         "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
     )
-    synthesis, proofs = synthesise(robot, replace(s, rays=0), progress), []  # no region is sampled
+    proofs, synthesis = (
+        list[CertifiedDegree](),
+        synthesise(robot, replace(s, rays=0), progress),
+    )  # no region is sampled
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s.checked_penalty, synthesis.problem.plant)
     boxed = _step_law(robot, s, synthesis) if tolerances or synthesis.proved else None
@@ -396,7 +399,7 @@ def prove_design(
         return DesignProof(certificate, start=start, cpu_seconds=proved.cpu_seconds)
     if refused := _refused(s.proof_seconds, synthesis):
         return DesignProof(None, refused)
-    levels, reasons = [share * chosen.level for share in PROOF_SHARES], []
+    levels, reasons = [share * chosen.level for share in PROOF_SHARES], list[str]()
     levels += [PROOF_ROOM * start] if PROOF_ROOM * start < levels[-1] else []
     while levels:
         left, level = s.proof_seconds - (time.thread_time() - began), levels.pop(0)

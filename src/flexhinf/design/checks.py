@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -160,7 +161,7 @@ def impulse_runs(
     # The fit uses the whole state of the loop as deviations from rest: state, estimate and past inputs, the newest
     # last.
     late = setup.specification.known_latency + setup.specification.unknown_samples
-    stored, lags = [], range(min(late, MOST_LAGS), 0, -1)
+    stored, lags = list[np.ndarray](), range(min(late, MOST_LAGS), 0, -1)
     for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - holding_input
         before = [np.vstack([np.zeros((lag, inputs.shape[1])), inputs[:-lag]]) for lag in lags]
@@ -428,7 +429,8 @@ def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMo
     q = np.reshape(plan(times), (INSTANTS, -1))
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     way += 1e-9 * max(float(way[-1]), 1e-9) * np.arange(INSTANTS)
-    times = np.interp(np.linspace(0.0, way[-1], count), way, times)  # equal parts of the path, ends included
+    equal = cast("np.ndarray", np.linspace(0.0, way[-1], count))
+    times = np.interp(equal, way, times)  # equal parts of the path, ends included
     poses, s = np.reshape(plan(times), (len(times), -1)), setup.specification
     laws, places = (setup.law,), (0,) * len(poses)
     if isinstance(setup.law, Schedule):

@@ -11,6 +11,9 @@ This file also converts goals and waypoints of a point of the robot, x, y, z in 
 waypoints the joints move smoothly; the point does not follow a straight line.
 """
 
+# Not checked strictly: tomlkit does not say what its tables hold.
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import contextlib
@@ -22,11 +25,12 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import tomlkit
 from pydantic import TypeAdapter
+from tomlkit.items import AoT, Table
 
 from flexhinf import __version__
 from flexhinf.design.own_sensors import with_own_sensors
@@ -218,8 +222,8 @@ def has_controller(file: Path) -> bool:
 
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
     data, name = read_toml(path, "design file"), path.name
-    table = data.get("design")
-    if not isinstance(table, dict):
+    stated = data.get("design")
+    if not isinstance(stated, dict):
         close = difflib.get_close_matches("design", data, n=1, cutoff=SIMILAR)
         wrong = f"[design] for {close[0]!r}" if close and close[0] != "design" else ""
         raise InvalidInput(
@@ -227,6 +231,8 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
             f"expected [design], below it robot = …, got {list(data)}",
             wrong or "[design], below it robot = 'arm.toml'",
         )
+
+    table = cast("dict[str, Any]", stated)
 
     def unknown(where: str, key: str, allowed: Sequence[str]) -> InvalidInput:
         same = FORMER.get(key.replace("-", "_"))
@@ -386,15 +392,16 @@ def _comment(name: str, value: Any, slides: Sequence[bool]) -> str:
     return ", ".join(f"{q:.6g} m" if slide else f"{math.degrees(q):.6g}°" for q, slide in pairs)
 
 
-def toml_table(values: Mapping[str, Any]) -> Any:
+def toml_table(values: Mapping[str, Any]) -> Table:
     """A table of plain values; tables stand below their numbers, as TOML wants it."""
-    table, below = tomlkit.table(), {}
+    table, below = tomlkit.table(), dict[str, Table | AoT]()
     for name, value in values.items():
         if isinstance(value, Mapping):
             below[name] = toml_table(value)
         elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
-            below[name] = tomlkit.aot()
-            below[name].extend(map(toml_table, value))
+            rows = tomlkit.aot()
+            rows.extend(map(toml_table, value))
+            below[name] = rows
         else:
             table.add(name, value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value)
     for name, value in below.items():

@@ -3,17 +3,21 @@
 `flexhinf design` evaluates one law; `flexhinf compare` evaluates several in the same scenario.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from flexhinf import analysis
 from flexhinf.analysis import modes, sampled_controller
+from flexhinf.arrays import Matrix
 from flexhinf.design import checks, monte_carlo, responses
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
@@ -225,7 +229,7 @@ class LawEvaluation:
         from scipy.linalg import expm
 
         a, _, _, c = filter.plant.linearise(*self.setup.goal_equilibrium)
-        sampled = expm(a * filter.period)
+        sampled = cast("Matrix", expm(a * filter.period))
         gain = stationary_gain((sampled, c), filter.process_noise, filter.measurement_noise)
         error = sampled @ (np.eye(len(a)) - gain @ c)
         return modes.sampled_modes(*np.linalg.eig(error), filter.period, self.setup.joints, *self.energy)

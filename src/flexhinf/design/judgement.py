@@ -189,7 +189,7 @@ def _time_at_limit(run: Response, limits: JointLimits) -> tuple[float, int, floa
 def _limit_lines(
     limits: JointLimits, inputs: LimitUse, speeds: LimitUse, where: str, how: str = ""
 ) -> list[Requirement]:
-    lines = []
+    lines = list[Requirement]()
     if limits.limits_peak:
         nearest = "|input| of the motor that is nearest to its limit"
         criterion = REQUIREMENTS["peak"].criterion if np.ptp(limits.peak) == 0.0 else nearest
@@ -272,7 +272,7 @@ def move_requirements(
     motion = motion_requirements(s, limits, rows, resolution, place, errors, stated, rests)
     if not stated:
         return [*motion, *limit_requirements(limits, [move.response], PLANNED, always=False)]
-    rows, lines = move.metrics, []
+    rows, lines = move.metrics, list[Requirement]()
     keys = {"tracking": "largest_error", "final": "final_error"}
     for (name, key), most in zip(keys.items(), move_limits(s.tracking_error, limits, move.travel)):
         values = np.array([row[key] for row in rows])

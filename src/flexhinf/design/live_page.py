@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -137,7 +138,7 @@ def quickest_move(
         most = np.where(np.isfinite(most), most, np.abs(run.signals["input"]).max(axis=0))
     for duration in TIMES:
         motion = Waypoints([0.0, duration], [start, goal], "quintic").derivatives(
-            np.linspace(0.0, duration, 50), 4
+            cast("np.ndarray", np.linspace(0.0, duration, 50)), 4
         )
         if (np.abs(robot.inverse_dynamics(*motion)[1]).max(axis=0) <= most).all():
             return float(duration)

@@ -1,11 +1,14 @@
 """The loop that a law runs in: estimator, controller, true plant, and the runs of every evaluation."""
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -70,7 +73,13 @@ SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening", "stiffness_c
 RK4_STEP, MIN_PARTS = 0.2, 4
 
 
-def with_derived(known: Any, **changes: Any) -> Any:
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Instance = TypeVar("Instance", bound="DataclassInstance")
+
+
+def with_derived(known: Instance, **changes: Any) -> Instance:
     """A copy with changed fields that keeps the computed properties; they must be valid for the copy too."""
     same = replace(known, **changes)
     vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
@@ -286,7 +295,8 @@ class LoopPlants:
         # be zero.
         covariance = INITIAL_VARIANCE * np.eye(len(a))
         if process.any():
-            covariance = stationary_covariance((expm(a * s.period), c), process, np.diag(measurement))
+            sampled = cast("np.ndarray", expm(a * s.period))
+            covariance = stationary_covariance((sampled, c), process, np.diag(measurement))
         mean = self.robot.operating_point(at)[0]
         task = EstimatorTask(model, s.period, process, measurement, mean, covariance, equilibrium[0])
         return ESTIMATORS[kind].make(task)
@@ -347,7 +357,8 @@ class LoopSetup(LoopPlants):
         places = [names.index(name) for name in self.law.tracked]
         ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
         if move := self.stated_move:
-            ends += list(np.reshape(move(np.linspace(0.0, move.duration, ON_THE_WAY)), (ON_THE_WAY, -1)))
+            times = cast("np.ndarray", np.linspace(0.0, move.duration, ON_THE_WAY))
+            ends += list(np.asarray(move(times), dtype=float).reshape(ON_THE_WAY, -1))
         poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
         share, smallest = WORKSPACE_MARGIN
         margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
@@ -378,7 +389,7 @@ class LoopSetup(LoopPlants):
         `flexhinf.Controller` that are `stated` win.
         """
         start, estimator = start or ("zero" if moving else "bumpless"), self.estimator(at, deployed=True)
-        options = {
+        options: dict[str, Any] = {
             "moving": moving,
             "start": start,
             "integral_dead_zone": self.dead_zone if has_integrals(self.law) else None,
@@ -446,7 +457,7 @@ class LoopSetup(LoopPlants):
         x, u = self.equilibrium(self.start)
         x, known = x[: len(controller.states)], self.model.parameters.vector()
         controller.reset(None if estimator is None else x, input=u)
-        measured = x if estimator is None else self.model.traced_output(x, u, known)
+        measured = x if estimator is None else np.asarray(self.model.traced_output(x, u, known), dtype=float)
         controller.step(np.asarray(measured, dtype=float).ravel())
         return np.concatenate([x, controller.integrals]) - law.operating_point
 
@@ -559,7 +570,7 @@ class LoopSetup(LoopPlants):
         sub_steps = None if self.dry_friction else sub_steps  # these are of another plant
         loop = self.loop(self.controller(self.goal, moving=True), plant, sub_steps)
         runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration)
-        starts, own = x + (enter * impulses).T, [{}] * len(self.goal)
+        starts, own = x + (enter * impulses).T, [dict[str, Any]()] * len(self.goal)
         for run in runs.trajectories(own, self.specification.seed, starts):
             yield Response(run, self.goal, self.goal, self.joints)
 

@@ -122,7 +122,7 @@ def sampled_runs(
         `Response`."""
         if not joints:
             return np.where(runs.completed, 0.0, np.inf), ("",) * len(robots)
-        names = [setup.joints[joints[k]] for k in np.argmax(rows, axis=0)]
+        names = [setup.joints[joints[int(k)]] for k in np.argmax(rows, axis=0)]
         return np.max(rows, axis=0), tuple(np.where(runs.completed, names, "").tolist())
 
     found = {

@@ -145,7 +145,7 @@ def other_quantisation(
 
     names, others = (expanded(each, SENSORS, robot.joint_names, robot.rigid) for each in (measured, sensors))
     known = dict(zip(names, sensor_steps(robot, measured, quantisation, estimator).tolist()))
-    steps = []
+    steps = list[float]()
     for name in others:
         alike = [value for other, value in known.items() if kind(other)[0] == kind(name)[0]]
         own = [value for other, value in known.items() if kind(other) == kind(name)]

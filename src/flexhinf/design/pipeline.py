@@ -1,6 +1,9 @@
 """The pipelines from a robot and a specification to a design and to a comparison of laws, one call per step:
 computation, judgement (not met, not proved, risky), results."""
 
+# Not checked strictly: what a caller passes may be of another type than stated.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,6 +39,11 @@ from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
 
 Progress = Callable[[str], None]
+
+
+def silent(text: str) -> None:
+    """Tell nobody how far a design is."""
+
 
 #: How the step of a design begins that looks at all poses together.
 TOLERATED = "what holds for all poses"
@@ -187,11 +195,11 @@ def design(
     >>> arm.controller().period
     0.001
     """
-    s, progress = checked_specification(robot, specification), progress or (lambda text: None)
+    s, progress = checked_specification(robot, specification), progress or silent
     return judged_by((workspace_evidence if is_for_workspace(s) else pose_evidence)(robot, s, progress))
 
 
-def loop_of(robot: Robot, s: Specification, progress: Progress = lambda text: None) -> DesignedLoop:
+def loop_of(robot: Robot, s: Specification, progress: Progress = silent) -> DesignedLoop:
     """The loop of a design that is not judged."""
     if is_for_workspace(s):
         return LoopOverWorkspace(selected_law(robot, s, stated_workspace(robot, s.workspace), progress).setup)
@@ -525,7 +533,7 @@ def compare(
     >>> [row.name for row in comparison.rows]  # doctest: +SKIP
     ['design', 'nl-hinf', 'pd']
     """
-    s, progress = checked_specification(robot, specification), progress or (lambda text: None)
+    s, progress = checked_specification(robot, specification), progress or silent
     over.check_kind(is_for_workspace(s), tune != "peak", candidates is not None, gains is not None)
     if is_for_workspace(s):
         return over.compare_over_workspace(robot, s, laws, progress, same_sensors, gains)

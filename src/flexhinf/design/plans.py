@@ -260,7 +260,7 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
     if s.workspace is None:
         return
     home, (low, high) = np.array(robot.home), ranges(robot)
-    goal = 0.5 * (home + np.where(high - home >= home - low, high, low))
+    goal = 0.5 * (home + cast("np.ndarray", np.where(high - home >= home - low, high, low)))
     pose = ",".join(f"{position:.3g}" for position in goal)
     raise InvalidInput(
         f"{what} is of one pose.",
@@ -403,7 +403,7 @@ def settled(
         right = np.zeros(size)
         if integrals:
             right[size - n :] = held - u
-        found = np.linalg.solve(rows[:, :size], right - rows[:, size:] @ y)
+        found = cast("np.ndarray", np.linalg.solve(rows[:, :size], right - rows[:, size:] @ y))
         both = np.concatenate([found, y])
         wrong = change[size - n :] @ both / loop.period if integrals else loop.law @ both - (held - u)
         return state, held, found, wrong

@@ -7,6 +7,10 @@ to the z of `measured_problem`, which is the same for all laws of a robot. The s
 every robot.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import itertools

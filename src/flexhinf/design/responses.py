@@ -185,7 +185,7 @@ class Response:
         """
         if self.diverged_at is not None:
             return []
-        rows = []
+        rows = list[dict[str, Any]]()
         for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
             position, u = self.positions[:, k], self.inputs[:, k]
             shape = metrics.step_metrics(
@@ -318,7 +318,7 @@ class Move:
             {
                 "joint": row["joint"],
                 "largest_error": float(metrics.peak_of(position - planned)),
-                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))),
+                "rms_error": float(np.sqrt(cast("float", np.mean((position - planned) ** 2)))),
                 "peak_input": row["peak_input"],
                 "peak_speed": row["peak_speed"],
                 "final_error": metrics.steady_state_error(position, planned),
@@ -543,7 +543,7 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
         return []
     motion = motion_of(limits, run, plan)
     columns = {kind.metric: values for kind in on_motions() if (values := kind.measured(motion)) is not None}
-    rows = []
+    rows = list[dict[str, Any]]()
     for k, (joint, q) in enumerate(zip(run.joints, run.positions.T)):
         own: dict[str, Any] = {"joint": joint, "travel": float(motion.travel[k])}
         if not motion.moves[k]:

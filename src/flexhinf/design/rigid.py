@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.responses import Response
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
@@ -20,7 +22,7 @@ from flexhinf.robot.modes import Mode, modes_of
 FEEDBACK_SIDES = ("link", "motor")
 
 
-def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
+def rigid_flow(elastic: Callable[..., Elements], x: Elements, u: Elements, d: Elements, p: Any) -> Elements:
     """ẋ of (M(q) + J) q̈ + C q̇ + G + B q̇ = τ + d_link + d_motor, x = (q, q̇), of any element.
 
     The elastic robot's equations with unloaded springs give the accelerations a_link and a_motor of links and motors.
@@ -33,7 +35,8 @@ def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
 
     root = np.atleast_1d(np.sqrt(p.motor_inertia))
     n = len(root)
-    share = np.atleast_1d(vars(p).get("load_share", np.ones(n)))
+    numbers = cast("dict[str, Elements]", vars(p))
+    share = np.atleast_1d(numbers.get("load_share", np.ones(n)))
     q, dq = x[:n], x[n:]
 
     def rates(torques: Any) -> tuple[Any, Any]:
@@ -91,7 +94,7 @@ class RigidLaw(ProblemLaw):
         """Key of the law: side and monomials."""
         return f"rigid {self.side} {self.solution.law_key}"
 
-    def evaluate_law(self, x: Any, data: Any) -> Any:
+    def evaluate_law(self, x: Elements, data: Any) -> Elements:
         """The rigid law of the states that are fed back."""
         return self.solution.evaluate_law(np.asarray(x)[self._places], data)
 
@@ -127,9 +130,13 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
         return None
     n = plant.n // 4
     link, motor, integrals = np.split(np.asarray(weights, dtype=float), [2 * n, 4 * n])
+
+    def positions(x: Elements, u: Elements, p: Any) -> Elements:
+        return x[:n]
+
     rigid = Plant(
         partial(rigid_flow, plant.flow),
-        lambda x, u, p: x[:n],
+        positions,
         states=plant.states[: 2 * n],
         inputs=plant.inputs,
         disturbances=plant.disturbances,
@@ -187,7 +194,7 @@ def compare_rigid(
     rigid, setup, scenario = rigid_problem(problem), evaluation.setup, evaluation.scenario
     if rigid is None or scenario is None:
         return None
-    s, goal, loops = setup.specification, setup.goal, []
+    s, goal, loops = setup.specification, setup.goal, list[RigidLoop]()
     late = s.known_latency + s.unknown_samples
     solution = solve_hji(rigid, gamma=s.gamma_ratio * smallest_gamma(rigid), degree=degree)
     x, u = setup.equilibrium(setup.start)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from flexhinf.design.specification import Specification, SpecificationError
 from flexhinf.options import Stated
@@ -88,4 +88,4 @@ def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tupl
 
 def parts_of(values: Any) -> tuple[Any, ...]:
     """Several values of a field, or its one, as a tuple."""
-    return values if isinstance(values, tuple) else (values,)
+    return cast("tuple[Any, ...]", values) if isinstance(values, tuple) else (values,)

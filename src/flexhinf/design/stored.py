@@ -200,7 +200,7 @@ def _requirements(rows: list[dict[str, Any]], numbers: Mapping[str, Any]) -> tup
     """The judged requirements: rows of the design file, which has infinite numbers, with the rest of each from the
     report's numbers; a ValueError where the two contradict each other."""
     others = numbers.get("requirements", numbers.get("specification"))
-    lines = []
+    lines = list[Requirement]()
     for row, numbered in zip(rows, others, strict=True):
         other = {"at": numbered.get("at_s"), **numbered}
         kind = next((kind for kind in REQUIREMENTS.values() if kind.what == row["what"]), None)
@@ -238,7 +238,8 @@ def _loop_of(
         s = replace(s, workspace=LIMITS) if s.workspace is None else s
         return LoopOverWorkspace(read_setup(robot, s, folder / NUMBERS_FILE))
     start, goal = start_and_goal(robot, s, stated_move(robot, s))
-    zone = (numbers.get("rest") or {}).get("dead_zone")
+    rest: Mapping[str, Any] = numbers.get("rest") or {}
+    zone = rest.get("dead_zone")
     setup = LoopSetup(
         robot,
         s.of_loop,

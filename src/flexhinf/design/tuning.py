@@ -12,6 +12,9 @@ candidate, from the laws that it contains, and from the best other laws' values 
 several local minima: without the last round the order of the laws was a matter of luck.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import contextlib
@@ -221,7 +224,7 @@ class Criterion:
 
     def ratios(self, metrics: LawMetrics) -> dict[str, float]:
         """Load deviation, settling time, and the two errors over those of the design, by name."""
-        ratios, unsettled = {}, UNSETTLED * self.length
+        ratios, unsettled = dict[str, float](), UNSETTLED * self.length
         for name in RATIOS:
             mine, theirs = getattr(self.own, name), getattr(metrics, name)
             if name == "settling":
@@ -339,12 +342,11 @@ def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str,
 def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
     """Pareto front of load deviation against peak input, by rising peak input, of the candidates that keep the limits
     of the linear loop."""
-    open_ended, front = replace(criterion, shared=()), []
+    open_ended, front = replace(criterion, shared=()), list[LawMetrics]()
     known = (m for m in metrics if math.isfinite(m.peak_input) and math.isfinite(m.load_deviation))
     for each in sorted(known, key=lambda m: (m.peak_input, m.load_deviation)):
-        if (not front or each.load_deviation < front[-1].load_deviation) and open_ended.judge(
-            each
-        ).excess == 0.0:
+        smaller = not front or each.load_deviation < front[-1].load_deviation
+        if smaller and open_ended.judge(each).excess == 0.0:
             front.append(each)
     return tuple(front)
 
@@ -517,7 +519,7 @@ class Tuner:
         from scipy.stats import qmc
 
         start, limits, degree = self._free(kind), self.factory.bounds(kind), self._degree
-        begin, starts = start if before is None else dict(before.best.parameters), []
+        begin, starts = start if before is None else dict(before.best.parameters), list[dict[str, float]]()
         for law in others:  # the law that this one equals where the further parameters have no effect
             if law.parameters.keys() <= start.keys():
                 neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind)), **law.parameters}

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexhinf.numerals import number_text, without_noise
+from flexhinf.robot.file_keys import is_dict, is_list
 from flexhinf.validation import read_toml
 
 if TYPE_CHECKING:
@@ -48,8 +49,8 @@ def result_row(line: Any) -> dict[str, Any]:
 def stored_rows(file: Path) -> list[dict[str, Any]]:
     """The rows of the table [result] of a design file; empty where it has none."""
     result = read_toml(file, "design file").get("result", {})
-    rows = result.get("specification", []) if isinstance(result, dict) else []
-    return [row for row in rows if isinstance(row, dict) and "holds" in row]
+    rows = result.get("specification", []) if is_dict(result) else None
+    return [row for row in rows if is_dict(row) and "holds" in row] if is_list(rows) else []
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class DesignVerdict:
     def of(rows: Sequence[Mapping[str, Any]], degrees: bool = False) -> DesignVerdict:
         """By the rows of a result; `degrees`: whether angles are shown in degrees, as on the pages of the design."""
         missed = [row for row in rows if not row["holds"]]
-        names, texts = [row["what"] for row in missed], []
+        names, texts = [row["what"] for row in missed], list[str]()
         for row in missed:
             unit, factor = display_unit(row["unit"], row["asked"], degrees)
             numbers = without_noise(row["found"], row["asked"]), row["asked"]
@@ -76,10 +77,8 @@ class DesignVerdict:
     @staticmethod
     def read(stored: Any) -> DesignVerdict:
         """As `numbers` wrote it; not known where it is something else."""
-        parts = (
-            [stored.get(key) for key in ("requirements", "not_met")] if isinstance(stored, dict) else [None]
-        )
-        lists = [tuple(map(str, part)) for part in parts if isinstance(part, list)]
+        parts = [stored.get(key) for key in ("requirements", "not_met")] if is_dict(stored) else []
+        lists = [tuple(map(str, part)) for part in parts if is_list(part)]
         return DesignVerdict(*lists) if len(lists) == 2 else DesignVerdict()
 
     @property

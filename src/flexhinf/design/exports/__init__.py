@@ -4,6 +4,8 @@ C, FMU and shared library have options of their own and stand in the command lin
 package of yours adds another export in the same way as the files here.
 """
 
+# lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -49,7 +49,7 @@ def _at_pose(model: PoseModel, numbers: Mapping[str, Vector], integral: bool) ->
         "--laws without flatness and flatness-i",
     )
     turns = np.sqrt(j.stiffness * (1.0 / np.diag(j.link_inertia) + 1.0 / j.motor_inertia))
-    chains = []
+    chains = list[np.ndarray]()
     for w, turn in zip(model.bandwidths(numbers), turns):
         order = 4 + integral
         if numbers.get("vibration", 0.0):  # left where it is

@@ -5,10 +5,13 @@ bandwidth and N = (M + J) / τ_max: a deviation costs as much as the input with 
 would meet it.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from flexhinf.design.laws.kinds import LINEAR_QUADRATIC, QUADRATIC, LawKind, LawOver, register
 from flexhinf.errors import NumericalFailure
@@ -60,12 +63,12 @@ def _lqg_at_pose(model: PoseModel, numbers: Mapping[str, Vector]) -> Matrix:
     weights[2 * n :, plant.n :] = INTEGRATED * whole * w**3
     cost, small = np.diag(limit**-2.0), 1e-12 * np.eye(plant.n + n)
     try:
-        p = solve_discrete_are(f, g, weights.T @ weights + small, cost)
+        p = cast("Matrix", solve_discrete_are(f, g, weights.T @ weights + small, cost))
     except np.linalg.LinAlgError as error:
         raise NumericalFailure(
             "There is no LQG at a pose.", f"{error}, at {model.pose.tolist()}", "--laws without lqg"
         ) from error
-    return -np.linalg.solve(cost + g.T @ p @ g, g.T @ p @ f)
+    return cast("Matrix", -np.linalg.solve(cost + g.T @ p @ g, g.T @ p @ f))
 
 
 register(

@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import LinearCorners, modes
+from flexhinf.arrays import Elements
 from flexhinf.design.problem.weights import (
     BANDWIDTH_FRACTION,
     Channel,
@@ -78,7 +79,7 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     linear = [(pose, plant.linearise(*robot.operating_point(pose))) for pose in poses]
     no_state, no_input = np.zeros(plant.n), np.zeros(len(plant.inputs))
     for parameter in robot.uncertain:
-        name, changes = parameter.name, []
+        name, changes = parameter.name, list[np.ndarray]()
         for pose, (a, b, torques, _) in linear:
             # [T_x T_u] from the nominal robot to each end of the interval, each at its own equilibrium.
             nominal = np.hstack([a, b])
@@ -150,7 +151,9 @@ def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignPr
 PREFIX = "tolerance"
 
 
-def uncertain_flow(flow: Any, torques: int, x: Any, u: Any, d: Any, p: Any) -> Any:
+def uncertain_flow(
+    flow: Callable[..., Elements], torques: int, x: Elements, u: Elements, d: Elements, p: Any
+) -> Elements:
     """The robot's ẋ, on any element, with additional torques L w at links and motors. The first `torques` disturbances
     are the robot's own; L is a parameter."""
     return flow(x, u, d[:torques] + np.asarray(p.tolerance_channels) @ d[torques:], p)

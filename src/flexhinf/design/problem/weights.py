@@ -14,12 +14,15 @@ they enter with γ g_i/s_i. The s_i, one for each channel, are found on the line
 the channel, first in the nominal loop, then a few times in the resulting loop.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -76,7 +79,8 @@ class LinearFamily:
         names = sorted(parameter.name for parameter in robot.uncertain) if members else []
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], (members, len(names)))
         if 2 ** len(names) <= members:
-            signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
+            bits = cast("np.ndarray", np.arange(2 ** len(names))[:, None] >> np.arange(len(names)))
+            signs = 1.0 - 2.0 * (bits & 1)
         for row in signs.tolist() if names else ():
             values = plant.parameters.known(robot.corner(dict(zip(names, row))))
             matrices.append(
@@ -137,7 +141,8 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
     command = np.broadcast_to(0.0 - np.eye(n, joints, joints - n), (len(loops), n, joints))
     residues = vectors[:, :joints].transpose(0, 2, 1) * np.linalg.solve(vectors, command)  # (N, mode, joint)
     low, high = 0.02 * np.abs(values).min(), 5.0 * np.abs(values).max()
-    frequencies = np.geomspace(low, high, max(2, int(PER_DECADE * np.log10(high / low))))
+    count = max(2, int(PER_DECADE * np.log10(high / low)))
+    frequencies = cast("np.ndarray", np.geomspace(low, high, count))
     limit, logs, crossings = np.sqrt(0.5), np.log(frequencies), np.zeros((len(loops), joints))
     for k, member in enumerate(residues):
         response = np.abs((1.0 / (1j * frequencies[:, None] - values[k])) @ member)
@@ -345,7 +350,7 @@ def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
 
     gain, p = design.gain, design.P
     loop = problem.nominal.a + problem.nominal.b2 @ gain
-    x = solve_continuous_lyapunov(loop, -np.diag(1.0 / np.abs(np.diag(p))))
+    x = cast("np.ndarray", solve_continuous_lyapunov(loop, -np.diag(1.0 / np.abs(np.diag(p)))))
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
@@ -491,7 +496,7 @@ class _Search:
     synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]]
     fastest: float  # target frequency that is tried, rad/s
     start: np.ndarray  # (n,), target frequencies
-    tried: list[Candidate] = field(default_factory=list)
+    tried: list[Candidate] = field(default_factory=list[Candidate])
     reached: float = 0.0  # largest fraction of the bandwidths that a stable loop had in all joints at once
 
     def fit(self, damping_weight: float | np.ndarray) -> Candidate | None:

@@ -139,7 +139,7 @@ class RequirementKind:
     ) -> Requirement:
         """The requirement with its numbers; `more` replaces what the kind says."""
         stated = s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default
-        own = {
+        own: dict[str, Any] = {
             "unit": "" if self.unit == POSITION else self.unit,
             "at_most": self.at_most,
             "criterion": self.criterion,

@@ -254,7 +254,7 @@ class _Trial:
             about, integrals = setup.reference(command).state(run.time), 0.0
         moved = np.hstack([run.signals["state"][:, columns] - about, integrals + grown])
         moved = moved[:: max(1, len(run.time) // INSTANTS)]
-        own, ratios = law.inputs(moved), []
+        own, ratios = law.inputs(moved), list[float]()
         for other in others:
             with np.errstate(all="ignore"):
                 more = other.solution.inputs(moved) - own

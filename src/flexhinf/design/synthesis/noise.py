@@ -372,7 +372,7 @@ class _Search:
 
     def stable(self, path: list[NoiseCandidate]) -> NoiseCandidate:
         """The last candidate of a path without unstable corners, by bisection; that with the fewest if none is."""
-        checked = []
+        checked = list[NoiseCandidate]()
 
         def unstable(candidate: NoiseCandidate) -> bool:
             checked.append(self.with_corners(candidate))

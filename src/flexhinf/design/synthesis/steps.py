@@ -256,7 +256,10 @@ class _WholeLoop:
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
         runs = monte_carlo.sampled_runs(
-            setup, [self.box.population.values[k] for k in which], duration, nominal.run.settings["sub_steps"]
+            setup,
+            [self.box.population.values[int(k)] for k in which],
+            duration,
+            nominal.run.settings["sub_steps"],
         )
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
         used = np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])

@@ -1,8 +1,11 @@
 """The campaign of a controller for a workspace: each sample is a robot of the tolerances with a move of its own."""
 
+# Not checked strictly: a cached property of `MoveMetrics` serves as a property.
+# pyright: reportIncompatibleVariableOverride=false
+
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -10,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.arrays import Number, Vector
 from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
 from flexhinf.campaign.draws import METHODS
 from flexhinf.campaign.samples import Columns
@@ -75,9 +79,10 @@ class FollowedPlan:
         moving = np.flatnonzero(np.any(self.positions != self.positions[-1], axis=1))
         return float(self.time[moving[-1] + 1]) if len(moving) else 0.0
 
-    def __call__(self, t: Any) -> Any:
+    def __call__(self, t: Number) -> np.ndarray:
         """Link positions (…, n) at times t, straight between samples."""
-        return np.stack([np.interp(t, self.time, column) for column in self.positions.T], axis=-1)
+        columns: list[Vector] = [np.interp(t, self.time, column) for column in self.positions.T]
+        return np.stack(columns, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +243,7 @@ class MovedRobots(Tolerances):
         return goals[place : place + 2] if block == 0 else goals[2 * place : 2 * place + 2]
 
     @cached_property
-    def _goals(self) -> Any:
+    def _goals(self) -> Callable[[int], np.ndarray]:
         setup = self.setup
 
         @lru_cache(BLOCKS)

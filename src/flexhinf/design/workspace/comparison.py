@@ -236,7 +236,7 @@ def compare_over_workspace(
 
     Raises `InvalidInput` for laws and numbers that do not fit, and as `design_workspace`.
     """
-    stated = {} if gains is None else gains
+    stated: Mapping[str, Mapping[str, Any]] = gains or {}
     names = rival_names(laws, stated, robot.drive)
     checked = {name: check_numbers(name, table, len(robot.joint_names)) for name, table in stated.items()}
     check_loop(robot, s)

@@ -45,7 +45,8 @@ class LoopOverWorkspace:
     def controller(self, at: Numbers = None, **options: Any) -> Controller:
         """It follows references that come with states and inputs, such as `Moving`; the same one serves every pose. By
         default ``offset_time`` is `OFFSET_TIME`, and ``supervision`` that of the setup, which brakes along the path."""
-        return self.setup.controller(self._pose(at), **{"supervision": self.setup.supervision, **options})
+        own: dict[str, Any] = {"supervision": self.setup.supervision, **options}
+        return self.setup.controller(self._pose(at), **own)
 
     def linear(self, at: Numbers = None) -> LinearLoop:
         """At rest at a pose."""

@@ -74,7 +74,7 @@ class _Box:
     """The errors that a file states, of which candidates are asked."""
 
     progress: Callable[[str], None]
-    left: list[PairWeights] = field(default_factory=list)  # laws that were not proved
+    left: list[PairWeights] = field(default_factory=list[PairWeights])  # laws that were not proved
     _stated: StatedErrors | None = None  # the same for all candidates
 
     def _stated_of(self, setup: WorkspaceSetup) -> StatedErrors:

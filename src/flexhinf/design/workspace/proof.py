@@ -33,6 +33,7 @@ from flexhinf.modal.popov import (
 )
 from flexhinf.modal.unstable import UnstableError, smallest_unstable
 from flexhinf.robot import Robot
+from flexhinf.robot.file_keys import is_dict
 
 #: λ at which a report computes a tolerance.
 REPORTED = 12
@@ -187,13 +188,13 @@ class PairVerdict(NamedTuple):
         return self.checked is not None and not self.beyond
 
 
-def stored_proof(path: Path) -> dict[str, Any] | None:
+def stored_proof(path: Path) -> Mapping[str, Any] | None:
     """The numbers of a proof.json; None of any other file."""
     try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
+        numbers = cast("object", json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, RecursionError):
         return None
-    return numbers if isinstance(numbers, dict) and numbers.get("kind") == "workspace" else None
+    return numbers if is_dict(numbers) and numbers.get("kind") == "workspace" else None
 
 
 def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
@@ -208,9 +209,9 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     return PairVerdict(claim, found, beyond=_beyond(numbers.get("proved"), found))
 
 
-def _beyond(stated: Any, found: CheckedPairs) -> str:
+def _beyond(stated: object, found: CheckedPairs) -> str:
     """What a file says is proved beyond what the check finds; empty where there is nothing."""
-    if not isinstance(stated, dict):
+    if not is_dict(stated):
         return "" if stated is None else "something else"
     for name, value in found._asdict().items():
         own = stated.get(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -273,7 +273,7 @@ class WorkspaceSetup(LoopPlants):
         if self.filter is None:
             return None
         model, n, speed = self.model, len(self.joints), 0.5 * BACK * self._speed
-        poses = self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
+        poses, known = self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED), model.parameters.vector()
         signs = np.repeat(random_signs(2 * n, CHOSEN_POSES, CHOSEN_SEED), 2, axis=0)
         motion = np.repeat(poses, 2, axis=0), signs[:, :n] * speed, signs[:, n:] * (2.0 * speed / BACK_TIME)
         dry = self.overcoming(self.filter)["dry_friction"]
@@ -283,8 +283,8 @@ class WorkspaceSetup(LoopPlants):
         most, still = np.zeros(n), np.zeros((len(model.disturbances), len(off)))
         for values in self.robot.random_corners(CHOSEN_POSES, CHOSEN_SEED) or [{}]:
             x, u = self.robot.inverse_dynamics(*motion, parameters=values)
-            rates = model.traced_flow((x + off).T, (u + rubs).T, still, model.parameters.vector())
-            most = np.maximum(most, np.abs(np.array(rates)[n : 2 * n].T - motion[2]).max(axis=0))
+            rates = np.array(cast("object", model.traced_flow((x + off).T, (u + rubs).T, still, known)))
+            most = np.maximum(most, np.abs(rates[n : 2 * n].T - motion[2]).max(axis=0))
         period, home = self.specification.period, self.robot.operating_point()
         heard = self._filter_gain(*home)[n : 2 * n] * self.read_noise
         return EXCESS * most + HEARD_NOISE * np.sqrt((heard**2).sum(axis=1) / (2.0 * HEARD * period))
@@ -315,7 +315,7 @@ class WorkspaceSetup(LoopPlants):
         """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it
         until there is a command; with another law, and further options of `flexhinf.Controller`."""
         s, held = self.specification, self.robot.operating_point(at)
-        own = {
+        own: dict[str, Any] = {
             "offset_time": None if s.estimator == "none" else OFFSET_TIME,
             "integral_dead_zone": self.dead_zone,
             "governor": self.governor,
@@ -376,13 +376,13 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def _kept_step(self) -> Callable[[bytes], tuple[np.ndarray, np.ndarray]]:
-        return lru_cache(STEPS)(lambda pose: self._step(np.frombuffer(pose)))
+        return lru_cache(STEPS)(self._step)
 
-    def _step(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _step(self, pose: bytes) -> tuple[np.ndarray, np.ndarray]:
         """The controller's step at rest at a pose (n,): its next memory (s, s + p) and the input (n, s + p), by its
         memory and what is measured. The memory is the estimator's prediction, the inputs that have not acted yet, and,
         of a law that uses them, the integrals with the half of the last error that the next step adds."""
-        s, model, n = self.specification, self.model, len(self.joints)
+        s, model, n, at = self.specification, self.model, len(self.joints), np.frombuffer(pose)
         x, u = self.robot.operating_point(at)
         inner, driven, _, seen = model.linearise(x, u)
         moved, driven = exponential(inner, driven, s.period)
@@ -488,7 +488,7 @@ class WorkspaceSetup(LoopPlants):
         do not carry the heaviest robot of the tolerances with `HOLD` of their limits, straight on."""
         kept: list[np.ndarray] = []
         for tried, pose in enumerate(self.workspace.sample(50 * count, seed)):
-            way = np.linspace(kept[-1] if kept else pose, pose, ON_THE_WAY)
+            way = cast("np.ndarray", np.linspace(kept[-1] if kept else pose, pose, ON_THE_WAY))
             if np.all(self.needs(way, self.robot.heaviest) <= HOLD):
                 kept.append(pose)
                 if len(kept) == count:
