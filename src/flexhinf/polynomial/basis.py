@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -51,7 +51,8 @@ def factors(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
     """First index of every tuple of degree k ≥ 1, and the rank of the rest of it among those of degree k − 1."""
     start, first = offsets(n, k - 1), offsets(n, k)
     variable = np.repeat(np.arange(n), np.diff(first))
-    return read_only(variable), read_only(np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
+    rest = cast("np.ndarray", np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
+    return read_only(variable), read_only(rest)
 
 
 @lru_cache(_CACHED)

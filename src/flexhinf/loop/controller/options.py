@@ -134,7 +134,7 @@ def checked_measurement_limits(value: Any, estimator: Estimator | None) -> tuple
     refuse_if(
         estimator is None or not triple,
         "The limits of the measurements cannot be used.",
-        f"expected (lower, upper, rate) and an estimator, got {value_text(value)}"
+        f"expected (lower, upper, rate) and an estimator, got {value_text(cast(object, value))}"
         + " without an estimator" * (estimator is None),
         f"measurement_limits={LIMITED['measurement_limits']}",
     )

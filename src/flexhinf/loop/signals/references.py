@@ -70,7 +70,9 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
     finite derivative; `why` says what is wrong with that."""
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
         raise InvalidInput(
-            "The order of a derivative is a number.", f"expected >= 0, got {value_text(order)}", "4"
+            "The order of a derivative is a number.",
+            f"expected >= 0, got {value_text(cast(object, order))}",
+            "4",
         )
     if highest is not None and order > highest:
         raise InvalidInput(

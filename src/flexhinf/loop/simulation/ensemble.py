@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -450,12 +450,12 @@ class Ensemble:
         ):
             truth = table.vectors(several)
         else:
-            truth = real_array(parameters)
+            truth = real_array(cast(object, parameters))
             if truth.ndim != 2 or truth.shape[1] != table.size or not np.all(np.isfinite(truth)):
                 raise InvalidInput(
                     "The parameters do not fit the plant.",
                     f"expected rows of {table.size} finite numbers for {list(table.names)}, "
-                    f"got {value_text(parameters)}",
+                    f"got {value_text(cast(object, parameters))}",
                     "plant.parameters.vectors([...]), or mappings by name",
                 )
         count = len(truth)

@@ -324,7 +324,7 @@ def sample_signal(
     function = cast("Callable[[Any], ArrayLike] | None", whole if callable(whole) else None)
     try:
         if function is None:
-            values = real_array(signal)
+            values = real_array(cast(object, signal))
         elif isinstance(function, VECTORISED):
             values = real_array(function(later))
         else:
@@ -335,7 +335,8 @@ def sample_signal(
     if values.shape != (*lead, len(channels)) and (len(channels) != 1 or values.shape != lead):
         raise InvalidInput(
             f"The {what} does not fit its channels.",
-            f"expected {len(channels)} values for {list(channels)} at each time, got {value_text(signal)}",
+            f"expected {len(channels)} values for {list(channels)} at each time, got "
+            f"{value_text(cast(object, signal))}",
             f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
         )
     values = values.reshape(len(times), -1) if function else values
@@ -421,7 +422,9 @@ def check_seed(seed: object) -> None:
         or not 0 <= int(cast(int, seed)) < 2**64
     ):
         raise InvalidInput(
-            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
+            "The seed is not usable.",
+            f"expected 0 <= integer < 2**64, got {value_text(cast(object, seed))}",
+            "seed=0",
         )
 
 
