@@ -223,7 +223,7 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     refuse_if(
         limits.shape != (len(joints),) or not usable.all(),
         f"{what} do not fit the joints.",
-        f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+        f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(cast(object, stated))}",
         f"[{', '.join(['10.0'] * len(joints))}]",
     )
     return limits

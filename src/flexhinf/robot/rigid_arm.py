@@ -287,7 +287,7 @@ def check_selection(joints: object, locked: object) -> None:
     refuse_if(
         joints is not None and not (listed and len(chosen) == len(names)),
         "The joints that move are not named.",
-        f"expected a list of names, got joints={value_text(joints, 60)}",
+        f"expected a list of names, got joints={value_text(cast(object, joints), 60)}",
         "joints=['shoulder', 'elbow']",
     )
     distinct("joints: the joint", chosen)
@@ -298,7 +298,7 @@ def check_selection(joints: object, locked: object) -> None:
         locked is not None
         and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in places)),
         "The joints that are locked are not named.",
-        f"expected names and positions, got locked={value_text(locked, 60)}",
+        f"expected names and positions, got locked={value_text(cast(object, locked), 60)}",
         "locked={'elbow': 0.0}",
     )
     for name, value in places.items():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
@@ -19,21 +19,18 @@ from flexhinf.robot.parameters import QUANTITIES, Parameter, payload_masses, per
 from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
 
-if TYPE_CHECKING:
-    from flexhinf.robot.robot import Robot
-
 #: A quantity's other key in the table of a link.
 OTHER_KEY = {"link_inertia": "axis_inertia"}
 
 
-def save_robot(robot: Robot, path: str | os.PathLike[str], like: str | os.PathLike[str] | None) -> None:
+def save_robot(robot: Any, path: str | os.PathLike[str], like: str | os.PathLike[str] | None) -> None:
     """See `Robot.save`."""
     target = checked_path("The robot file", path)
     text = robot_text(robot, target.parent, like)
     write_file(target, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
 
 
-def robot_text(robot: Robot, folder: Path, like: str | os.PathLike[str] | None = None) -> str:
+def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = None) -> str:
     """The text of the robot's file (or of the file `like`) with its numbers, for a place in a folder."""
     import tomlkit  # here, as it takes long to load
 
@@ -80,7 +77,7 @@ def _numbers(parameter: Parameter) -> tuple[float, tuple[float, float]]:
     return parameter.value, parameter.interval
 
 
-def _places(document: Any, robot: Robot) -> Iterator[tuple[str, Any, str]]:
+def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
     """Names of numbers that a file states by themselves, with the tables and keys where they stand."""
     if "gravity" in document:
         yield "gravity", document, "gravity"
@@ -98,7 +95,7 @@ def _places(document: Any, robot: Robot) -> Iterator[tuple[str, Any, str]]:
                         yield per_joint(quantity, str(row["name"]), len(robot.joint_names)), table, key
 
 
-def _published(document: Any, robot: Robot, name: str) -> Iterator[tuple[Any, str]]:
+def _published(document: Any, robot: Any, name: str) -> Iterator[tuple[Any, str]]:
     """Table and key for a number that a joint has from its `actuator` or `gear`, or the stiffness from a curve."""
     for row in document.get("joint", ()):
         keys = {key for known in published_of(row) for key in known.numbers}
@@ -113,7 +110,7 @@ def _elsewhere(document: Any) -> bool:
     return "tolerances" in document or any("tolerances" in row for row in document.get("joint", ()))
 
 
-def _write(document: Any, robot: Robot, parameter: Parameter, source: Path) -> None:
+def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> None:
     from tomlkit import inline_table
 
     found = [(table, key) for name, table, key in _places(document, robot) if name == parameter.name]

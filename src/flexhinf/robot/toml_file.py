@@ -313,7 +313,7 @@ class RobotFile:
         refuse_if(
             loads is not None and len(usable) < len(rows),
             "The payload is none.",
-            f"expected text, a Payload or several, got {value_text(loads)}",
+            f"expected text, a Payload or several, got {value_text(cast(object, loads))}",
             "payload='0..3kg@hand'",
         )
         payloads = (

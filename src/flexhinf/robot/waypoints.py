@@ -112,7 +112,7 @@ def waypoints(value: object, timed: bool = True) -> WaypointTable | TimedSignal:
 
 
 def _path_text(value: object) -> str:
-    path = str(cast("object", value)) if isinstance(value, (str, os.PathLike)) else ""
+    path = str(cast(object, value)) if isinstance(value, (str, os.PathLike)) else ""
     return path if path.strip() else ""
 
 
@@ -129,7 +129,7 @@ def stated_workspace(value: Any) -> str | WaypointTable:
     if isinstance(value, (list, tuple, np.ndarray)):
         pairs = np.array(value, dtype=object)
         if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise ValueError(value_text(value))
+            raise ValueError(value_text(cast(object, value)))
         return ",".join(f"{low}:{high}" for low, high in pairs)
     if isinstance(value, str) and all(_is_position(part) for part in value.split(",")):
         ends = [part.strip() for part in value.split(",")]
@@ -210,7 +210,7 @@ def _table(
         raise WaypointError(
             f"{what} hold what is no usable number.",
             f"expected finite ones of at most {HUGE:g}, units in the header ('elbow [deg]'), got "
-            f"{value_text(columns[column][row], 60)} of {value_text(names[column], 60)} in {place(row)}",
+            f"{value_text(columns[column][row], 60)} of {value_text(cast(object, names[column]), 60)} in {place(row)}",
             "0.5, or leave the row out",
         )
     del values["time"]

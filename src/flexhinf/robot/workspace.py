@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -122,7 +122,7 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
         units = chain(robot.links.position_units, repeat("rad"))
         ends = np.array([_ends(part, unit) for part, unit in zip(stated.split(","), units)]).T
     elif isinstance(stated, (list, tuple, np.ndarray)):
-        ends = real_array(stated).T
+        ends = real_array(cast(object, stated)).T
     else:
         table = waypoints(stated, timed=False)
         if not isinstance(table, WaypointTable):
