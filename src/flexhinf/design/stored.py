@@ -238,8 +238,8 @@ def _loop_of(
         s = replace(s, workspace=LIMITS) if s.workspace is None else s
         return LoopOverWorkspace(read_setup(robot, s, folder / NUMBERS_FILE))
     start, goal = start_and_goal(robot, s, stated_move(robot, s))
-    rest: Mapping[str, Any] = numbers.get("rest") or {}
-    zone = rest.get("dead_zone")
+    standstill: Mapping[str, Any] = numbers.get("rest") or {}
+    zone = standstill.get("dead_zone")
     setup = LoopSetup(
         robot,
         s.of_loop,
