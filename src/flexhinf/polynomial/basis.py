@@ -51,8 +51,8 @@ def factors(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
     """First index of every tuple of degree k ≥ 1, and the rank of the rest of it among those of degree k − 1."""
     start, first = offsets(n, k - 1), offsets(n, k)
     variable = np.repeat(np.arange(n), np.diff(first))
-    rest = cast("np.ndarray", np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
-    return read_only(variable), read_only(rest)
+    others = cast("np.ndarray", np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
+    return read_only(variable), read_only(others)
 
 
 @lru_cache(_CACHED)
