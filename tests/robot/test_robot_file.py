@@ -129,6 +129,10 @@ def replaced(old, new):
         ),
         (replaced("motor_inertia = 1.5", "motor_inertia = 0.0"), ["motor_inertia_slide", "> 0 kg"]),
         (replaced("motor_inertia = 1.5", "friction = 1.0"), ["'slide'", "motor_inertia", "neither"]),
+        (
+            replaced("motor_inertia = 1.5", "motor_inertia = 1.5\ndrive = ['torque']"),
+            ["'drive'", "'voltage'"],
+        ),
         (replaced("gear_ratio = 100\n", ""), ["'turn'", "gear_ratio"]),
         (
             replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [-5.0, 120.0] }"),

@@ -85,6 +85,8 @@ def test_poses_need_no_time(tmp_path: Path) -> None:
         fh.Specification(move=rows)  # type: ignore[arg-type]
     with refused_with(fh.InvalidInput, "time"):
         fh.Specification(workspace={"time": [0.0, 0.0, 1.0], **rows})  # type: ignore[arg-type]
+    with refused_with(fh.InvalidInput, "waypoints", "Waypoints("):
+        workspace_of(ARM, fh.Waypoints([0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]]))
     with refused_with(fh.InvalidInput, "row 2", "'elbow'"):
         fh.Specification(workspace={**rows, "elbow [deg]": [0.0, "a", 1.0]})  # type: ignore[arg-type]
 
