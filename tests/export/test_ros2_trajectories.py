@@ -134,6 +134,17 @@ def one_waypoint(make: Make) -> Any:
     return one.finished()
 
 
+def from_now(make: Make) -> Any:
+    """As MoveIt sends it: where the arm is, at rest, and then the others."""
+    one = make()
+    none, speed = np.zeros(2), np.subtract(GOAL, START)
+    one.goal([0.0, *MOVE[0]], [START, *MOVE[1]], [none, speed, none], [none] * 3)
+    found = one.finished()
+    one.is_smooth()
+    assert one.desired[500 + 60 + 1][:2] == pytest.approx(MOVE[1][0], abs=1e-3)
+    return found
+
+
 def polynomials(make: Make) -> Any:
     """The commanded path, 0.06 s earlier, is that of the waypoints: known in the middle of the second segment."""
     way, times = np.subtract(GOAL, START), [0.5, 1.0]
@@ -269,6 +280,21 @@ def goal_missed(make: Make) -> Any:
     return one.ended()
 
 
+def moving_at_goal(make: Make) -> Any:
+    """The links are where they shall be, and a velocity is never exactly zero."""
+    one = make(constraints__stopped_velocity_tolerance=1e-12, constraints__goal_time=0.2)
+    one.goal(*MOVE)
+    return one.finished(samples=1400)
+
+
+def nearly_at_rest(make: Make) -> Any:
+    """What rounding leaves of a planner's last velocity is none."""
+    one = make()
+    one.goal(*MOVE, [(0.3, -0.3), (1e-7, -1e-9)])
+    assert one.finished() == ("succeeded", 0)
+    return refused(*MOVE, [(0.1, 0.1), (0.0, 2e-7)])(make)
+
+
 def waiting(make: Make) -> Any:
     one = make()
     one.goal(*MOVE, at_goal=TINY)
@@ -392,20 +418,21 @@ def by_topic_beyond(make: Make) -> Any:
 
 RUNS: dict[str, Callable[[Make], Any]] = {
     "shuffled names": shuffled, "linear, cubic, quintic": polynomials,
-    "one waypoint": one_waypoint, "waypoints of mixed kinds": mixed, "empty goal": refused([]),
+    "one waypoint": one_waypoint, "first waypoint at time 0": from_now, "waypoint without positions": refused([1.0]),
+    "waypoints of mixed kinds": mixed, "empty goal": refused([]),
     "unknown joint": refused(*MOVE, joints=("shoulder", "wrist")),
     "joint left out": refused([1.0], [[0.1]], joints=("elbow",)),
     "joint left out, `allow_partial_joints_goal`": partial,
     "times that do not increase": refused([0.5, 0.5], MOVE[1]),
     "efforts": refused(*MOVE, *[[(0.0, 0.0)] * 2] * 3),
     "number that is not finite": refused(MOVE[0], [START, (math.nan, 0.0)]),
-    "speed at the end": refused(*MOVE, [(0.1, 0.1), (0.1, 0.0)]),
+    "speed at the end": nearly_at_rest,
     "beyond the joint's range": refused([1.0], [(3.1, 0.0)]),
     "jump between waypoints": refused([0.5, 0.51], [START, GOAL]),
     "jump from where it is": jumping,
     "past stamp, over": refused(*MOVE, begins=-1.5), "past stamp, partly": partly_past, "future stamp": future,
     "replaced at speed": replaced, "cancelled at speed": cancelled, "goal tolerance missed": goal_missed,
-    "goal time 0": waiting, "path tolerance": on_path(1e-5), "path tolerance 0": on_path(0.0, 1e-5),
+    "moving at the goal": moving_at_goal, "goal time 0": waiting, "path tolerance": on_path(1e-5), "path tolerance 0": on_path(0.0, 1e-5),
     "path tolerance −1": on_path(-1.0, 1e-5), "other negative tolerance": refused(*MOVE, path=[("elbow", -0.5, 0.0)]),
     "time-out": timed_out, "speed scaling": scaled, "fault in mid-move": fault,
     "deactivated, then active at another pose": elsewhere, "not active": off, "topic": by_topic,

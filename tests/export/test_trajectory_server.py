@@ -146,7 +146,7 @@ def make(follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch) -> Callabl
 
 #: Rows of the table that are about messages, parameters, lifecycle and topics of ros2_control.
 OTHER = {
-    "efforts", "topic, path tolerance",
+    "efforts", "waypoint without positions", "moving at the goal", "topic, path tolerance",
     "path tolerance", "path tolerance 0", "path tolerance −1", "fault in mid-move",
     "deactivated, then active at another pose", "not active", "topic", "empty trajectory on the topic",
 }  # fmt: skip

@@ -22,6 +22,8 @@ CASES = tuple(
     shuffled names | joints in any order | the same | succeeded, 0
     linear, cubic, quintic | by what two waypoints state | the same, then smoothed | succeeded, 0
     one waypoint | accepted | the same | succeeded, 0
+    first waypoint at time 0 | accepted | the same | succeeded, 0
+    waypoint without positions | rejected by default | the same, always | rejected
     waypoints of mixed kinds | by what both ends of a segment state | the same | succeeded, 0
     empty goal | rejected | the same | rejected
     unknown joint | rejected | the same | rejected
@@ -30,7 +32,7 @@ CASES = tuple(
     times that do not increase | rejected | the same | rejected
     efforts | rejected without an effort interface | rejected | rejected
     number that is not finite | not documented | rejected | rejected
-    speed at the end | rejected by default | the same; there is no option | rejected
+    speed at the end | above 1.2e-7 rejected by default | the same, always | rejected
     beyond the joint's range | not looked at | rejected | rejected
     jump between waypoints | taken | rejected | rejected
     jump from where it is | taken | the goal is aborted, what there is goes on | aborted, −1
@@ -40,6 +42,7 @@ CASES = tuple(
     replaced at speed | the goal before ends | the same, with −1; velocity and acceleration continue | succeeded, 0
     cancelled at speed | holds at once; decelerates by option | decelerates in `stop_time` | cancelled, 0
     goal tolerance missed | aborted after `goal_time` | the same | aborted, −5
+    moving at the goal | aborted after `goal_time` | the same | aborted, −5
     goal time 0 | waits without end | the same | followed
     path tolerance | aborted beyond it; holds | the same, after decelerating | aborted, −4
     path tolerance 0 | that of the parameters | the same | aborted, −4
@@ -48,7 +51,7 @@ CASES = tuple(
     time-out | `cmd_timeout` after the end: holds | the same, and the goal is aborted | aborted, −5
     speed scaling | an interface or a topic scales time | an interface, 0 to 1; smoothly, at rest at once | succeeded, 0
     fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
-    deactivated, then active at another pose | the goal ends; holds the new pose | the same | aborted, −4
+    deactivated, then active at another pose | the goal ends; holds the last command, or the new pose by option | holds the new pose | aborted, −4
     not active | rejected | the same | rejected
     topic | no result; not said of a goal of the action | no result; a goal of the action ends | aborted, −1
     topic, path tolerance | aborted beyond it; holds | the same, after decelerating | held

@@ -79,6 +79,7 @@ def test_the_rows_are_a_motion_of_the_elastic_arm() -> None:
         ("INVALID_GOAL", {"positions": [[0.0, 0.0], [0.0, 2.7]]}),
         ("INVALID_GOAL", {"times": [0.5, 0.51]}),
         ("INVALID_GOAL", {"velocities": [[0.1, 0.0], [0.0, 0.1]]}),
+        ("INVALID_GOAL", {"velocities": [[0.1, 0.0], [0.0, -2e-7]]}),
         ("INVALID_GOAL", {"goal_tolerance": {"elbow": (-0.5, 0.0)}}),
         ("INVALID_GOAL", {"goal_time": -2.0}),
         ("OLD_HEADER_TIMESTAMP", {"begins": -1.5}),

@@ -18,7 +18,7 @@ from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
 from flexhinf.robot.follow_path import PARTS, SHARE
-from flexhinf.robot.follower import MOST_COUNTED, MOST_JUDGED, PASSED, Follower
+from flexhinf.robot.follower import MOST_COUNTED, MOST_JUDGED, PASSED, RESTING, Follower
 from flexhinf.robot.robot import Robot
 
 #: T of the smoothing, s, as far as the period divides it.
@@ -79,6 +79,7 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
         "twice": f"{2.0 * delay:g}",
         "delay_exact": delay,
         "passed": PASSED,
+        "resting": RESTING,
         "smoothing": follower.smoothing,
         "latency": follower.latency,
         "usual": follower.usual,

@@ -15,7 +15,7 @@ from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.follow import follow_values, follower_of
 from flexhinf.export.rehearsal import FAR, LARGEST
 from flexhinf.robot.follow_goal import FollowGoal
-from flexhinf.robot.follower import PASSED, FollowCode, Follower, FollowMotion
+from flexhinf.robot.follower import PASSED, RESTING, FollowCode, Follower, FollowMotion
 
 #: Largest difference of C and Python, relative to the largest number of its column, by type.
 CLOSE = {"double": 1e-13, "float": 2e-4}
@@ -318,6 +318,8 @@ def refusals(session: Session) -> list[FollowGoal]:
             "times": [times[0], times[0] + 0.1 * own.smoothing],
         },
         {"velocities": ended},
+        {"velocities": 9.0 * RESTING * ended},  # nine tenths
+        {"velocities": -11.0 * RESTING * ended},
         {"velocities": infinite},
         {"velocities": still, "accelerations": infinite},
         {"velocities": still, "accelerations": still},

@@ -48,6 +48,9 @@ MOST_JUDGED = 1_000_000
 #: Velocity below which a joint counts as stopped at the goal, rad/s or m/s: as in joint_trajectory_controller.
 STOPPED = 0.01
 
+#: Largest velocity of a last waypoint that is rest, rad/s or m/s: what rounding leaves, as in joint_trajectory_controller.
+RESTING = float(np.finfo(np.float32).eps)
+
 
 class FollowCode(IntEnum):
     """What `Follower` answers: the codes of control_msgs/FollowJointTrajectory, and two of its own above them."""
@@ -335,7 +338,7 @@ class Follower(StatedRepr):
             and (gaps >= self.period / PASSED).all()
             and ((points[0] >= low) & (points[0] <= high)).all()
             and not far.any()
-            and not points[1, -1].any()
+            and (np.abs(points[1, -1]) <= RESTING).all()
         )
 
     def _is_quick(self, goal: _Followed) -> bool:

@@ -569,7 +569,7 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
             }
         }
         for (int j = 0; j < JOINTS; ++j) {
-            if (goal->moves[j] != 0 && last->order >= 2 && fabs@{f}(last->velocity[j]) > @{zero}) {
+            if (goal->moves[j] != 0 && last->order >= 2 && fabs@{f}(last->velocity[j]) > @{number(resting)}) {
                 result = @{NAME}_FOLLOW_INVALID_GOAL;
             }
         }
