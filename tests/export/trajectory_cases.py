@@ -51,7 +51,7 @@ CASES = tuple(
     time-out | `cmd_timeout` after the end: holds | the same, and the goal is aborted | aborted, −5
     speed scaling | an interface or a topic scales time | an interface, 0 to 1; smoothly, at rest at once | succeeded, 0
     fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
-    deactivated, then active at another pose | the goal ends; holds the last command, or the new pose by option | holds the new pose | aborted, −4
+    deactivated, then active at another pose | holds the last command; by option the pose | the new pose | aborted, −4
     not active | rejected | the same | rejected
     topic | no result; not said of a goal of the action | no result; a goal of the action ends | aborted, −1
     topic, path tolerance | aborted beyond it; holds | the same, after decelerating | held

@@ -48,7 +48,7 @@ MOST_JUDGED = 1_000_000
 #: Velocity below which a joint counts as stopped at the goal, rad/s or m/s: as in joint_trajectory_controller.
 STOPPED = 0.01
 
-#: Largest velocity of a last waypoint that is rest, rad/s or m/s: what rounding leaves, as in joint_trajectory_controller.
+#: Largest velocity of a last waypoint that counts as rest, rad/s or m/s: as in joint_trajectory_controller.
 RESTING = float(np.finfo(np.float32).eps)
 
 
