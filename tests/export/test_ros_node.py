@@ -37,6 +37,7 @@ pytest.importorskip("mujoco")
 pytestmark = [
     pytest.mark.usefixtures("unoptimised"),
     pytest.mark.ci("nodes of ROS 2, and a follower that is compiled once"),
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),  # lark 0.12, which the wheels take
 ]
 
 #: How long a message may take on a machine that is busy, s; none is awaited by sleeping.
