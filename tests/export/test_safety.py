@@ -71,11 +71,16 @@ def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
     """The oracle of the hash is FNV-1a of eight bytes at a time by its definition, of one number."""
     code = code_of(watched(), "arm", "double")
     run = provoked(code, record(code.controller))
-    assert {*run.codes[run.begun :]} == {"OK", "PREDICTED"}
+    assert {*run.codes[run.begun :]} == {"OK", "PREDICTED", "BAD_RESULT"}
     assert run.provocation is not None
-    assert run.provocation.quiet is not None
-    assert run.begun + run.provocation.quiet < len(run.y)
-    places = code.controller.data.places
+    places, noises = code.controller.data.places, run.provocation.noises
+    assert len(run.provocation.noise) == sum(places[name].stop - places[name].start for name in NOISE_PARTS)
+    assert not [*noises.values()][-1].any()  # the last rows are without noise
+    assert max(noises) < len(run.y) - run.begun
+    codes = [run.codes[run.begun + row] for row in [*noises][:-1]]
+    assert (
+        codes[::4].count("BAD_RESULT") == codes.count("BAD_RESULT") == 8
+    )  # a pivot below what counts as zero
     assert all(np.all(run.provocation.numbers[places[name]] != 0.0) for name in NOISE_PARTS)
     memories = np.array([*run.provocation.memories.values()])
     assert not np.signbit(memories[memories == 0.0]).any()  # the test's text has 0 for them
@@ -307,6 +312,9 @@ static void arm_sum(const real *data)
 static real arm_sin(real x)
 {
     return (m > 0.5 && m < 2.5) ? -cv : cv;
+    const real reach = 1000000.0;
+    const real r = FMA(-k, 1.5707963267341256, size);
+    return ((m > 1.5) ? -sv : sv) * copysign(1.0, x);
 }
 
 static void arm_seen(const real *seen)
@@ -372,8 +380,13 @@ static void arm_copy(const real *source, real *target)
     assert is_none(12, "number", "27", "28")
     assert is_none(17, "number", "0.5", "0.625")
     assert not is_none(17, "number", "0.5", "1.5")
-    assert is_none(22, "number", "0.5", "0.625")
-    assert not is_none(22, "number", "2", "3")
+    assert is_none(18, "number", "1000000.0", "1250000.0")
+    assert not is_none(18, "number", "1000000.0", "2000000.0")  # these are too many quarter turns
+    assert not is_none(19, "number", "1.5707963267341256", "1.963495408417657")
+    assert is_none(20, "product", "*", "/")
+    assert not is_none(20, "number", "1.0", "0.0")
+    assert is_none(25, "number", "0.5", "0.625")
+    assert not is_none(25, "number", "2", "3")
     places = {line.strip(): number for number, line in enumerate(source, 1)}
     assert is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", "<= 3.0", "<= 3.75")
     assert not is_none(places["const bool c4 = (v2 <= 3.0) && (v2 >= 3.0);"], "number", ">= 3.0", ">= 3.75")

@@ -18,6 +18,7 @@ import numpy as np
 from flexhinf.arrays import Number
 from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
+from flexhinf.export.covariances import correlated, nearly_singular
 from flexhinf.export.recording import (
     FAILED,
     Provocation,
@@ -76,18 +77,11 @@ COMMANDED, SEEN, HARD, DECIMALS = 0.1, 0.02, 3.0, 3
 #: Parts of the step's numbers that are variances, without which pivots of more covariances are zero.
 NOISE_PARTS = ("process_noise", "measurement_noise")
 
-#: Elements of a covariance beside its diagonal, at most, as a share of the product of both standard deviations.
-CORRELATED = 0.2
-
 #: Parts of a memory that count.
 COUNTS = ("doubt", "rejected", "seen")
 
 #: By what estimated positions are turned, rad or m: sine and cosine in every quarter of a turn, near its ends too.
-TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 40.0)
-
-#: Pivots of a covariance, relative to its diagonal: negative beyond rounding, which is refused; within rounding, which
-#: counts as zero; and just above it. How many of its pivots are tried.
-PIVOTS, MOST_PIVOTS = (-1e-12, -6e-14, 3e-14, 5e-14), 4
+TURNED = (0.7, -0.7, 1.5, 2.3, 3.1, -2.2, 9.1e5)
 
 #: How far the start is from where the estimator begins, in the unit of each state, and commands from measurements.
 ELSEWHERE, AWAY = 0.02, 0.2
@@ -133,11 +127,12 @@ ROWS, RING = 12, 7
 
 @dataclass(frozen=True)
 class Trial:
-    """A memory to go on from, with measurements `y` (K, p) and commands `r` (K, k)."""
+    """A memory to go on from, with measurements `y` (K, p) and commands `r` (K, k), and from then on another noise."""
 
     memory: np.ndarray
     y: np.ndarray
     r: np.ndarray
+    noise: np.ndarray | None = None
 
 
 def provoked(code: ControllerCode, run: Recording) -> Recording:
@@ -200,9 +195,10 @@ def _with_memories(
              for place in range(part.start, part.stop) if one.numbers[place] != 0.0]  # fmt: skip
     if not noise:
         return one
-    quiet = replace(one, quiet=len(one.y), noise=tuple(noise))
-    still = _tried(quiet, controller, held, trials(_memories(controller, True), 2), True)
-    return still if len(still.y) > len(one.y) else one
+    one = replace(one, noise=tuple(noise))
+    first, *others = trials(_memories(controller, True), 2)
+    still = [replace(first, noise=np.zeros(len(noise))), *others]
+    return _tried(one, controller, held, [*_singular_noises(one, controller), *still], True)
 
 
 def _tried(
@@ -224,34 +220,40 @@ def _tried(
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, trial.y[:count]]), np.vstack([one.r, trial.r[:count]])
         without = one.unmeasured if measured else (*one.unmeasured, len(one.y))
+        noises = one.noises if trial.noise is None else {**one.noises, len(one.y): trial.noise}
         if controller.gaps and count == EACH:
             if y.shape[1] > 1:
                 y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
             without = (*one.unmeasured, len(one.y) + (len(memories) % 2))
         repeats = [*one.repeats, *[1] * count]
-        return replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
+        return replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without, noises=noises)
 
     # Controllers that have had all rows so far, one of each rounding; and samples without a measurement since one with.
-    going = [one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))]
+    going: list[Controller] = [
+        one.begun(controller.fresh(fused)) for fused in ((False, True) if exact else (None,))
+    ]
     fed, *_ = [one.feed_to(each) for each in going]
-    going = going if one.quiet is None else [*map(one.quieted, going)]
     missing = unseen(fed, one.repeats, 0)[-1]
     for trial in other:
         memory, count = held(trial.memory), len(trial.y)
         last = controller.memory.named(memory).u
         last[...] = np.clip(last, *ends)  # an input that these limits let pass, from which it changes slowly
-        for rows, measured in ((count, True), (1, True), (1, False)):
+        again = ((1, True),) * (count > 1)
+        without = ((1, False),) * (count > 1 or trial.noise is None)
+        for rows, measured in ((count, True), *again, *without):
             if (rows == 1 and not exact) or (not measured and not controller.gaps):
                 continue
             more, ended = longer(trial, memory, rows, measured), False
             before = [deepcopy(history_of(each)) for each in going]
+            stepped = going if trial.noise is None else [one.with_noise(each, trial.noise) for each in going]
             with suppress(NumericalFailure):
-                runs = [more.feed_to(each, len(one.y)) for each in going]
+                runs = [more.feed_to(each, len(one.y)) for each in stepped]
                 codes, ended = runs[0].codes, True
                 alike = all(run.codes == codes for run in runs) and (exact or FAILED not in codes)
                 counts = unseen(runs[0], more.repeats[len(one.y) :], missing)
                 if alike and max(counts) <= MISSING_LIMIT:  # else the watchdog of the C stops it
-                    one, missing, before = more, counts[-1], []
+                    one, missing, before, going = more, counts[-1], [], stepped
+                    trial = replace(trial, noise=None)
             for each, copied in zip(going, before):
                 history_of(each).go_on_from(copied)
             if ended and rows > 1:
@@ -406,25 +408,31 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
         memory[root], memory[place] = 0.0, np.abs(first[root]).max()
         controller.memory.named(memory).belief[0][:] += SURPRISED * memory[place] * positions
         yield memory
-    rng = np.random.default_rng(SEED)
     for number, part in enumerate(belief if first.size <= LARGE else ()):
-        if (
-            part.ndim != 2
-            or part.shape[0] != part.shape[1]
-            or not np.array_equal(part, part.T)
-            or not part.any()
-        ):
-            continue
-        n, scale = len(part), np.sqrt(np.diag(part))
-        for k in np.unique(np.linspace(1, n - 1, MOST_PIVOTS).astype(int)) if n > 1 else ():
-            for pivot, also in ((pivot, also) for also in (-1, *range(k)) for pivot in PIVOTS):
-                root = scale[:, None] * np.tril(rng.uniform(0.2, 1.0, (n, n)))
-                root[:, also] *= also < 0  # another one that is zero
-                covariance = root @ root.T
-                covariance[k, k] = (root[k, :k] @ root[k, :k]) * (1.0 + pivot)
+        square = part.ndim == 2 and part.shape[0] == part.shape[1]
+        if square and part.any() and np.array_equal(part, part.T):
+            for covariance in nearly_singular(np.sqrt(np.diag(part)), SEED):
                 memory = np.array(first)
                 controller.memory.named(memory).belief[number][:] = covariance
                 yield memory
+
+
+def _singular_noises(one: Provocation, controller: Controller) -> Iterator[Trial]:
+    """Likewise of each covariance of the noise, of a small memory."""
+    memory = next(_memories(controller, True), None)
+    if memory is None or memory.size > LARGE:
+        return
+    noise = np.array(one.noise)
+    for name in NOISE_PARTS:
+        part = controller.data.places.get(name, slice(0, 0))
+        inside = (part.start <= noise) & (noise < part.stop)
+        if inside.sum() != part.stop - part.start:
+            continue  # some are zero, and stay so
+        n = math.isqrt(int(inside.sum()))
+        for covariance in nearly_singular(np.sqrt(one.numbers[part][:: n + 1]), SEED):
+            numbers = one.numbers[noise]
+            numbers[inside] = covariance.ravel()
+            yield Trial(memory, one.y[:1], one.r[:1], numbers)
 
 
 def _other_numbers(
@@ -444,7 +452,7 @@ def _other_numbers(
             )
     for name in NOISE_PARTS if zeros else ():
         if name in places:
-            moved[places[name]] = _correlated(moved[places[name]])
+            moved[places[name]] = correlated(moved[places[name]], OF_ZERO)
     if "following" in places:
         part = moved[places["following"]]
         moved[places["following"]] = np.where(np.isposinf(part), WATCHED_FROM, part)
@@ -477,16 +485,6 @@ def _other_numbers(
     if "rcond_limit" in places:
         moved[places["rcond_limit"]] = 0.5  # of flags that are 0 or 1, it tells which
     return moved
-
-
-def _correlated(covariance: np.ndarray) -> np.ndarray:
-    """A covariance (n²,) with the same diagonal, or nearly, whose elements are not zero, and differ below it."""
-    n = math.isqrt(covariance.size)
-    spread = np.sqrt(np.diag(covariance.reshape(n, n)))
-    spread = np.where(spread > 0.0, spread, OF_ZERO * spread.max())
-    beside = CORRELATED * np.tril(np.cos(1.0 + np.arange(n * n)).reshape(n, n), -1)
-    root = spread[:, None] * (np.eye(n) + beside)
-    return (root @ root.T).ravel()
 
 
 def _elsewhere(belief: np.ndarray, size: float) -> np.ndarray:

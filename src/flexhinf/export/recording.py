@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -42,8 +42,8 @@ class Provocation:
 
     `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
     `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some rows, by the number
-    of the row; such a row may end in no finite number. `quiet`: From which row on the numbers at the places `noise` are
-    zero; None: never.
+    of the row; such a row may end in no finite number. `noises`: What the numbers at the places `noise` are from some
+    rows on, likewise by number, in order.
     """
 
     y: np.ndarray
@@ -54,8 +54,8 @@ class Provocation:
     input: np.ndarray | None
     memories: dict[int, np.ndarray]
     unmeasured: tuple[int, ...] = ()
-    quiet: int | None = None
     noise: tuple[int, ...] = ()
+    noises: Mapping[int, np.ndarray] = field(default_factory=dict[int, np.ndarray])
 
     def begun(self, controller: Controller) -> Controller:
         """A fresh controller with these numbers, started there."""
@@ -64,21 +64,22 @@ class Provocation:
         fresh.reset(self.state, self.input)
         return fresh
 
-    def quieted(self, going: Controller) -> Controller:
-        """One that goes on from what a controller remembers, without noise."""
+    def with_noise(self, going: Controller, noise: np.ndarray) -> Controller:
+        """One that goes on from what a controller remembers, with these numbers at the places `noise`."""
         fresh, numbers = going.fresh(), np.array(self.numbers)
-        numbers[list(self.noise)] = 0.0
+        numbers[list(self.noise)] = noise
         fresh.data_vector = read_only(numbers)
         history_of(fresh).go_on_from(history_of(going))
         return fresh
 
     def answered(self, controller: Controller) -> Recording:
         """What a controller does."""
-        begun = self.begun(controller)
-        loud = self.feed_to(begun, 0, self.quiet)
-        if self.quiet is None:
-            return loud
-        return loud.behind(self.feed_to(self.quieted(begun), self.quiet, held=loud.u[-1]))
+        going, ends = self.begun(controller), [*self.noises, None]
+        run = self.feed_to(going, 0, ends[0])
+        for (row, noise), end in zip(self.noises.items(), ends[1:], strict=True):
+            going = self.with_noise(going, noise)
+            run = run.behind(self.feed_to(going, row, end, held=run.u[-1]))
+        return run
 
     def feed_to(
         self, begun: Controller, first: int = 0, end: int | None = None, held: np.ndarray | None = None
@@ -148,9 +149,9 @@ class Recording:
     def behind(self, other: Recording) -> Recording:
         """This, and the other behind it."""
         arrays: dict[str, np.ndarray] = {
-            field.name: np.concatenate([getattr(self, field.name), getattr(other, field.name)])
-            for field in fields(self)
-            if isinstance(getattr(self, field.name), np.ndarray)
+            one.name: np.concatenate([getattr(self, one.name), getattr(other, one.name)])
+            for one in fields(self)
+            if isinstance(getattr(self, one.name), np.ndarray)
         }
         lists = {name: getattr(self, name) + getattr(other, name) for name in LISTS}
         return replace(self, **arrays, **lists)

@@ -47,6 +47,7 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
         "far": far_values(code),
         "flips": flips,
         "most_flips": MOST_FLIPS,
+        "turned": turned_parameters(code, run) if changes else [],
         "nones": nones,
         "most_nones": MOST_NONES,
         "largest": Markup(LARGEST[code.real.name]),
@@ -92,6 +93,26 @@ def failures(code: ControllerCode, run: Recording, changes: Mapping[float, int])
     return found
 
 
+def turned_parameters(code: ControllerCode, run: Recording) -> list[int]:
+    """Whether the first step fails (1 or 0) where one parameter, of so many at most, has the other sign; limits of
+    inputs are left as they are."""
+    y, r = run.y[0], run.r[0][: code.sizes["r"]]
+    numbers, places = code.controller.data_vector, code.controller.data.places
+    limits = [np.arange(numbers.size)[places[name]] for name in ("lower", "upper")]
+    found = list[int]()
+    for place in range(0, numbers.size, 1 + numbers.size // MOST_NONES):
+        one, turned = code.controller.fresh(), np.array(numbers)
+        turned[place] *= 1.0 if place in np.concatenate(limits) else -1.0
+        one.data_vector = turned
+        one.reset()
+        try:
+            one.step(y, r if code.controller.commanded else None)
+            found.append(0)
+        except NumericalFailure:
+            found.append(1)
+    return found
+
+
 def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
     """States that differ from the first belief in one element, and the input before the first sample there."""
     if not code.starts_anywhere or code.belief is None:
@@ -129,7 +150,7 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
     found: list[tuple[int, float, int]] = []
     for place in chosen:
         if place == len(numbers) - 1:  # an integer
-            values = [numbers[place] - 1.0, numbers[place] + 1.0]
+            values = [numbers[place] - 1.0, numbers[place] + 1.0, 0.0, -1.0]
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]

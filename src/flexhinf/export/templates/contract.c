@@ -515,6 +515,27 @@ static void one_is_none(void)
 }
 
 {% endif %}
+{% if turned %}
+/* One parameter after the other has the other sign, but for limits of inputs: a step fails, or goes on. */
+static void one_is_turned(void)
+{
+    static const int fails[@{turned | length}] = {
+@{in_lines(turned)}
+    };
+    enum { PLACES = 1 + @{NAME}_PARAMETERS / @{most_nones} };
+    for (int i = 0; i < @{NAME}_PARAMETERS; i += PLACES) {
+        const int is_lower = i >= @{NAME}_P_LOWER && i < @{NAME}_P_LOWER + @{NAME}_INPUTS;
+        const int is_upper = i >= @{NAME}_P_UPPER && i < @{NAME}_P_UPPER + @{NAME}_INPUTS;
+        param.value[i] = (is_lower || is_upper) ? param.value[i] : -param.value[i];
+        expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start with another parameter");
+        give();
+        expect((step() == @{NAME}_BAD_RESULT) == (fails[i / PLACES] != 0), "BAD_RESULT where a parameter cannot be");
+        param = @{name}_defaults;
+    }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+}
+
+{% endif %}
 /* Some time after the start the memory goes back to an earlier one, and soon after it to the start, with the command of
  * before{% if brakes %}; a brake under way goes on{% endif %}. */
 static void goes_back(void)
@@ -555,6 +576,7 @@ static void goes_back(void)
                 same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
             }
             expect(same, "the memory of an earlier sample");
+            expect(state.began_again == soon, "whether it was that of the start");
             expect(from_start(), "earlier memories that are those of the start");
             give();
             expect(step() == @{NAME}_OK, "OK from an earlier memory");
@@ -845,6 +867,9 @@ int main(void)
     other_numbers();
 {% if nones %}
     one_is_none();
+{% endif %}
+{% if turned %}
+    one_is_turned();
 {% endif %}
     goes_back();
     if (PREDICTS) {

@@ -132,11 +132,17 @@ static const @{name}_real other_numbers[@{NAME}_PARAMETERS] = {
 {% if provocation.state is not none %}
 static const @{name}_real other_state[@{NAME}_STATES] = {@{row(provocation.state)}};
 {% endif %}
-{% if provocation.quiet is not none %}
-/* Variances that are zero from a row on. */
-enum { QUIET = BEGUN + @{provocation.quiet} };
+{% if provocation.noises %}
+/* Places of variances, which are others from each of these rows on. */
+enum { NOISES = @{provocation.noises | length} };
 static const int noise[@{provocation.noise | length}] = {
 @{in_lines(provocation.noise | list)}
+};
+static const int noise_from[NOISES] = {
+@{in_lines(provocation.noises | list)}
+};
+static const @{name}_real noise_is[NOISES][@{provocation.noise | length}] = {
+@{matrix(provocation.noises.values())}
 };
 {% endif %}
 static const @{name}_real other_input[@{NAME}_INPUTS] = {@{row(provocation.input)}};
@@ -236,9 +242,11 @@ static int step(int row)
             state.failed = 0;
         }
     }
-{% if provocation.quiet is not none %}
-    for (int i = 0; i < @{provocation.noise | length} && row == QUIET; ++i) {
-        param.value[noise[i]] = 0;
+{% if provocation.noises %}
+    for (int k = 0; k < NOISES; ++k) {
+        for (int i = 0; i < @{provocation.noise | length} && row == BEGUN + noise_from[k]; ++i) {
+            param.value[noise[i]] = noise_is[k][i];
+        }
     }
 {% endif %}
 {% endif %}
