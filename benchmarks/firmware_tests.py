@@ -31,7 +31,7 @@ KEPT = Path(__file__).resolve().with_suffix(".json")
 LIMIT, SAMPLE = 48.0, 100
 
 #: By export, the seed that draws them: one that was not looked at before the tests were made.
-SEEDS = {"arm": 51, "root": 71, "two": 51}
+SEEDS = {"arm": 51, "root": 86, "two": 51}
 
 #: What is exported, by its sources: how it is called, and the robot.
 SOURCES: dict[str, tuple[str, str]] = {
