@@ -352,6 +352,25 @@ def test_a_folder_with_files_needs_force(
     assert (out / "mine.txt").read_text() == "mine"
 
 
+def test_limits_are_narrowed_with_a_new_test_vector(
+    controller: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A torque cap of first motions: the vector's own inputs keep it, and it is only taken where it is one."""
+    words = ["export", "c", str(controller), "--name", "arm", "--out", str(tmp_path / "c")]
+    for limit in ("1000", "-2"):
+        assert main([*words, "--narrower", limit]) == 2
+        assert "--narrower" in capsys.readouterr().err
+    assert main([*words, "--narrower", "20"]) == 0
+    assert "narrower than those" in capsys.readouterr().err
+    texts = [(tmp_path / "c" / name).read_text(encoding="utf-8") for name in ("README.md", "arm_test.c")]
+    assert "| saturation | -20 to 20 |" in texts[0]
+    assert "--narrower" in texts[0]
+    inputs = re.findall(r"[-+\d.e]+", texts[1].partition("expected_u[RUNS]")[2].partition("size_of_u")[0])
+    assert (
+        max(abs(float(number)) for number in inputs if re.fullmatch(r"-?\d+\.\d+", number)) == 12.0
+    )  # NARROWER
+
+
 def test_a_stored_law_is_called_what_it_was(controller: Path, tmp_path: Path) -> None:
     assert main(["export", "c", str(controller), "--out", str(tmp_path / "c")]) == 0
     assert "| law | HJISolution |" in (tmp_path / "c" / "README.md").read_text()

@@ -98,6 +98,9 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     controller, robot, s = designed.controller, designed.robot, designed.specification
     name = o.name or _identifier(robot)
     _note_doubts(designed)
+    if o.narrower:
+        controller = export.narrowed(controller, o.narrower)
+        note("Limits of inputs are narrower than those that the requirements were judged with.")
     if o.check_measurements and controller.estimator is not None:  # true states are believed
         speeds = None if robot is None or s is None else joint_limits(robot, s).speed
         try:
@@ -111,6 +114,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         "--no-limits": not o.limits,
         "--accept-estimates": o.accept_estimates,
         "--accept-unmet": o.accept_unmet,
+        f"--narrower={o.narrower:g}": o.narrower,
     }
     chosen = [option for option, there in stated.items() if there]
     again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
@@ -136,6 +140,7 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
         "--real": o.real != "double",
         "--flash": o.flash,
         "--ram": o.ram,
+        "--narrower": o.narrower,
         "--no-limits": not o.limits,
         "--no-check-measurements": not o.check_measurements,
     }

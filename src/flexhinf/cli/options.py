@@ -308,6 +308,8 @@ class ExportCOptions(MachineOptions):
         "where arm-none-eabi-gcc is installed; without it only constants are, and a note says so.", "32kB")
     ram: Text = option("", TARGET, "Room for the state, such as 8kB. A state that needs more is refused.", "8kB")
     limits: bool = option(True, TARGET, LIMITED)
+    narrower: float = option(0.0, TARGET,
+        "Limit of all inputs, in their unit, narrower than those of the design; the test vector is made anew.", "12")
     check_measurements: bool = option(True, TARGET,
         "Whether a measurement counts as missing, and is counted, that is beyond what the joint's range, its speed and "
         "the largest input allow. The speed is twice its speed_limit in the robot file or the design's --peak-speed; "

@@ -25,6 +25,7 @@ from .realtime import (
 from .refusals import (
     check_limits as check_limits,
     check_room as check_room,
+    narrowed as narrowed,
     refuse_unlimited as refuse_unlimited,
 )
 from .ros_node import RosRun as RosRun, run_ros as run_ros

@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+import numpy as np
+
 from flexhinf.errors import refuse_if
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.export.compiled import cortex_m4_bytes
@@ -20,6 +22,23 @@ def check_limits(controller: Controller) -> None:
     """Refuse a controller with an input that lacks a limit: nothing would stand between an error and the drives."""
     estimator = controller.estimator
     refuse_unlimited(unlimited_inputs(controller), {} if estimator is None else estimator.plant.units)
+
+
+def narrowed(controller: Controller, limit: float) -> Controller:
+    """The controller whose inputs all have this limit, in their unit, which is narrower than that of each.
+
+    Raises InvalidInput where it is not, or where the input that holds the robot at the start is beyond it.
+    """
+    limits, held = controller.limits, np.abs(controller.input_before()).max()
+    widest = float(np.minimum(-limits.lower, limits.upper).min())
+    refuse_if(
+        not held < limit < widest,
+        "These limits of the inputs are not narrower, or do not hold the robot.",
+        f"expected more than {held:g}, which holds it at the start, and less than the design's {widest:g}, "
+        f"got {limit:g}",
+        f"--narrower {0.5 * (held + widest) if np.isfinite(widest) else 2.0 * held:g}",
+    )
+    return controller.fresh(saturation=limit)
 
 
 def refuse_unlimited(free: Sequence[str], units: Mapping[str, str]) -> None:
