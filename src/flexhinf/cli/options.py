@@ -309,7 +309,7 @@ class ExportCOptions(MachineOptions):
     ram: Text = option("", TARGET, "Room for the state, such as 8kB. A state that needs more is refused.", "8kB")
     limits: bool = option(True, TARGET, LIMITED)
     narrower: float = option(0.0, TARGET,
-        "Limit of all inputs, in their unit, narrower than those of the design; the test vector is made anew.", "12")
+        "Narrower limit of all inputs, in their unit; the test vector has it.", "12")
     check_measurements: bool = option(True, TARGET,
         "Whether a measurement counts as missing, and is counted, that is beyond what the joint's range, its speed and "
         "the largest input allow. The speed is twice its speed_limit in the robot file or the design's --peak-speed; "
