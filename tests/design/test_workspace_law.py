@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -279,6 +280,34 @@ def test_a_slower_law_for_the_gain_margin_has_to_arrive(tmp_path, monkeypatch: p
     assert not search.tolerates(chosen, 2.2)
     stated = tuned_setup(robot, replace(s, gain_margin=2.01), space)  # who states a margin gets it
     assert stated.law.gains.weights.bandwidth == 7.0
+
+
+@pytest.mark.parametrize(
+    ("misses", "excess", "bandwidth"), [(3683.0, 0.8, 14.0), (90.0, 0.8, 7.0), (3683.0, 1.2, 7.0)]
+)
+def test_where_nothing_is_met_a_law_that_goes_astray_in_moves_gives_way_to_a_damped_faster_one(
+    misses: float, excess: float, bandwidth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers of an FR3 whose springs are known to ± 50 %: 20 rad/s is unstable at some corner, 7 rad/s is nearest."""
+    found = {20.0: (1.9, 5.4), 14.0: (excess, 14.8), 7.0: (0.4, misses)}
+
+    @dataclass(frozen=True)
+    class Tried:
+        gains: SimpleNamespace
+        specification: fh.Specification | None = None
+
+    tried = [Tried(SimpleNamespace(weights=SimpleNamespace(bandwidth=each))) for each in found]
+    excesses = SimpleNamespace(
+        wanted=None,
+        excess=lambda one, least: np.array([found[one.gains.weights.bandwidth][0], 9.0, 0.0, 1.0]),
+    )
+    monkeypatch.setattr(search, "ChosenPoses", lambda *arguments: excesses)
+    monkeypatch.setattr(search, "motors_alone", lambda *arguments: False)
+    monkeypatch.setattr(search, "_candidates", lambda *arguments: iter(tried))
+    monkeypatch.setattr(search, "missed", lambda one: found[one.gains.weights.bandwidth][1])
+    robot = fh.load_robot("scara")
+    chosen = tuned_setup(robot, fh.Specification(), workspace_of(robot, "limits"))
+    assert chosen.gains.weights.bandwidth == bandwidth
 
 
 @pytest.mark.ci("searches a law for a workspace")
