@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.drives import SLOWER
+from tests.refusals import refused_with, unnamed
 
 from flexhinf import load_robot
+from flexhinf.errors import InvalidInput
 from flexhinf.robot import catalogue
 from flexhinf.robot.drive_text import LOOPS
 from flexhinf.robot.estimates import LOST, SPEED, estimated_joints
@@ -76,6 +78,26 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     assert "[links.lower]" in text
 
 
+@pytest.mark.parametrize("moment", [0.0203, 0.03])
+def test_every_inertia_that_no_body_has_is_named_with_little_missing_too(
+    moment: float, tmp_path: Path
+) -> None:
+    """As links 2 and 3 of an xArm6: one lacks 1 %, which readers take as the nearest, and the other a third."""
+    path = written(
+        tmp_path, link("upper", NO_BODY.replace("0.03", "0.0203")), link("lower", NO_BODY.replace("0.03", f"{moment}")),
+        joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower"),
+    )  # fmt: skip
+    wrong = next(found for found in examine_robot(path).findings if "no body" in found.what)
+    assert wrong.severity == ("fault" if moment > 0.021 else "doubt")
+    assert moment < 0.021 or {"[links.upper]", "[links.lower]"} <= {*wrong.advice.split()}
+    assert [change.rpartition("of ")[2] for change in examined_changes(path)] == [
+        "'upper', 'lower': the nearest that one has is taken."
+    ]
+    assert tomllib.loads(begun(path).read_text(encoding="utf-8"))["links"] == {
+        name: {"inertia": "nearest"} for name in ("upper", "lower")
+    }
+
+
 @pytest.mark.parametrize("name", sorted(catalogue()))
 def test_every_robot_of_the_catalogue_is_examined_without_a_fault(name: str) -> None:
     """Those of a single link too, which have an inertia about their axis and no mass."""
@@ -118,6 +140,40 @@ def test_of_several_joints_of_a_body_the_last_one_is_left(tmp_path: Path) -> Non
     assert fault.place == "x, y"
     assert load_robot(begun(path)).joint_names == ("turn", "shoulder")
     assert "# 'x', 'y' stand still" in begun(path).read_text(encoding="utf-8")
+
+
+#: An arm of one motor with a gripper like Robotiq's: a loop of two bars, and fingers that one motor pulls.
+LOOPED = """<mujoco><worldbody><body name="upper"><joint name="arm" axis="0 1 0"/><geom size="0.1" pos="0 0 0.3"/>
+<body name="crank" pos="0.1 0 0"><joint name="crank" axis="0 1 0"/><geom size="0.05" pos="0 0 0.1"/>
+<body name="rod" pos="0 0 0.2"><joint name="rod" axis="0 1 0"/><geom size="0.05" pos="0 0 0.1"/>
+<site name="end"/></body></body>
+<body name="rocker" pos="0.2 0 0"><joint name="rocker" axis="0 1 0"/><geom size="0.05" pos="0 0 0.1"/></body>
+<body name="thumb" pos="0.3 0 0"><joint name="thumb" axis="0 1 0"/><geom size="0.05" pos="0 0 0.1"/></body>
+<body name="f" pos="0.4 0 0"><joint name="f" axis="0 1 0"/><geom size="0.05" pos="0 0 0.1"/>
+<site name="tip" pos="0 0 0.2"/></body></body><site name="post" pos="0.4 0 0.1"/></worldbody>
+<equality><connect body1="rod" body2="rocker" anchor="0 0 0.2"/></equality>
+<tendon><fixed name="split"><joint joint="thumb" coef="1"/><joint joint="f" coef="1"/></fixed>{}</tendon>
+<actuator><motor joint="arm"/><motor joint="crank"/>{}</actuator></mujoco>"""
+
+
+def test_joints_of_closed_loops_and_of_tendons_stand_still_and_are_named(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    path = tmp_path / "arm.xml"
+    path.write_text(LOOPED.format("", '<motor tendon="split"/>'))
+    loop, pulled = examined_changes(path)
+    assert unnamed(loop, "'crank', 'rod', 'rocker'", "connect of 'rod, rocker'") == []
+    assert "'thumb', 'f' stand still: they are coupled" in pulled
+    assert load_robot(begun(path)).joint_names == ("arm",)
+    cable = '<spatial name="cable" stiffness="40"><site site="post"/><site site="tip"/></spatial>'
+    path.write_text(LOOPED.format(cable, ""))
+    assert [change.partition(" stand still")[0] for change in examined_changes(path)][:2] == [
+        "'crank', 'rod', 'rocker'", "'arm', 'f'"
+    ]  # fmt: skip
+    path.write_text(LOOPED.format(cable.replace("tip", "end"), '<motor tendon="split"/>'))
+    with refused_with(
+        InvalidInput, "No joint moves", "'crank', 'rod', 'rocker'", "connect", "'arm'", "cable"
+    ):
+        description_of(path, ()).arm()
 
 
 @pytest.mark.parametrize("point", ['<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>', " "])

@@ -152,7 +152,6 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
         ('name="elbow"', "", r"joint[\s\S]*printable.*''"),
         ('name="elbow"', 'name="shoulder"', "repeated name 'shoulder'"),
         ('class="slow"', 'class="slw"', "name 'slow'"),
-        ('name="left"', 'name="left" gravcomp="1"', "'left'.*gravcomp"),
         ("<actuator>", "<equality><joint joint1='finger' joint2='other'/></equality><actuator>", "couples"),
         ("<actuator>", "<tendon><fixed stiffness='3'><joint joint='elbow' coef='1'/></fixed></tendon><actuator>",
          "tendon.*stiffness"),
@@ -512,10 +511,10 @@ def test_a_file_with_the_masses_of_its_meshes_is_written_as_advised(write, monke
     assert link.centre_of_mass == pytest.approx((0.05, 0.075, 0.1), rel=1e-5)  # a quarter of each edge
 
 
-@pytest.mark.parametrize("acting", ["gravcomp='1'", 'stiffness = "3 0"', 'springdamper="0.1 1"'])
+@pytest.mark.parametrize("acting", ['stiffness = "3 0"', 'springdamper="0.1 1"'])
 def test_a_file_without_what_pulls_its_links_is_written_as_advised(write, monkeypatch, tmp_path, acting):
     pytest.importorskip("mujoco")
-    old = 'name="left"' if "gravcomp" in acting else 'name="elbow"'
+    old = 'name="elbow"'
     with refused_with(InvalidInput, acting.partition("=")[0].strip()) as caught:
         rigid(write(ARM.replace(old, f"{old} {acting}", 1), "this.xml"))
     monkeypatch.chdir(tmp_path)
@@ -523,6 +522,30 @@ def test_a_file_without_what_pulls_its_links_is_written_as_advised(write, monkey
         str(caught.value).partition("or: ")[2].partition(" writes a file")[0], {"pathlib": pathlib, "re": re}
     )
     assert (tmp_path / "plain.xml").read_text() == ARM
+
+
+def test_a_weight_that_mujoco_takes_away_is_the_motors_and_that_is_said(write):
+    """Files of arms have gravcomp for MuJoCo's position controllers; nothing of the real robot carries the weight."""
+    pytest.importorskip("mujoco")
+    plain = rigid(write(ARM))
+    with pytest.warns(RobotFileWarning, match="gravcomp.*of 'left'"):
+        arm = rigid(write(ARM.replace('name="left"', 'name="left" gravcomp="1"')))
+    assert [link.mass for link in arm.links] == [link.mass for link in plain.links]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rigid(write(ARM.replace('name="column"', 'name="column" gravcomp="1"')))  # which no joint carries
+
+
+def test_every_loop_is_named_with_the_joints_that_move_without_it(write):
+    pytest.importorskip("mujoco")
+    loops = "".join(f'<connect body1="left" body2="{other}" anchor="0 0 0"/>' for other in ("right", "tool"))
+    text = ARM.replace("<actuator>", f"<equality>{loops}</equality><actuator>")
+    with refused_with(
+        InvalidInput, "connect of 'left, right'", "connect of 'left, tool'", "finger, other", "active='false'"
+    ) as caught:
+        rigid(write(text))
+    chosen = re.findall(r"joints = \[(.*?)\]", str(caught.value))[0].replace('"', "").split(", ")
+    assert [joint.name for joint in read_mjcf(read_xml(write(text)), chosen).joints] == ["shoulder", "elbow"]
 
 
 @pytest.mark.parametrize("quaternion", ["-1 0 0 0", "-1 1e-200 0 0", "-2 0 0 0"])

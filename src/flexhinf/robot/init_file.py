@@ -19,6 +19,7 @@ from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.mjcf_actuators import ON_JOINT
+from flexhinf.robot.mjcf_couplings import Couplings
 from flexhinf.robot.mjcf_joints import coupled_joints, driven_joints, first_keyframe
 from flexhinf.robot.parameters import ESTIMATE
 from flexhinf.robot.parts import file_warnings
@@ -62,6 +63,9 @@ class Description:
         for _ in range(ROUNDS):
             with file_warnings(), collected_faults() as faults:
                 arm = self.read()
+            if arm.doubtful and not any(fault.kind == NO_BODY for fault in faults):
+                # readers take the nearest inertia where little is missing; a file that is written says so
+                faults.append(PartFault(NO_BODY, tuple(arm.doubtful), "", "", ""))
             if not faults:
                 coils = {name: "inductance" in motor.electrical for name, motor in arm.dc_motors.items()}
                 if len({*coils.values()}) > 1:
@@ -106,13 +110,15 @@ def description_of(path: Path, joints: Sequence[str] = ()) -> Description:
 
 
 def _moving(root: Element) -> tuple[list[str], dict[str, list[str]]]:
-    """Joints with a motor that follow no other one and lead none, as those of grippers do, or all such without any
-    motor; and those that stand still, by why."""
+    """Joints with a motor that follow no other one and lead none, as those of grippers do, and that no loop or tendon
+    holds, or all such without any motor; and those that stand still, by why."""
     if root.tag == "mujoco":
         driven, coupled = driven_joints(root), coupled_joints(root)
         every, motors = driven.every, driven.names
+        held = Couplings(root, every).held()
     else:
         refuse_other_xml(root)
+        held = dict[str, list[str]]()
         elements = {joint.get("name", ""): joint for joint in root.findall("joint")}
         every = [name for name, joint in elements.items() if joint.get("type") in KINDS]
         mimics = {name: mimic for name, joint in elements.items() for mimic in joint.findall("mimic")}
@@ -126,18 +132,18 @@ def _moving(root: Element) -> tuple[list[str], dict[str, list[str]]]:
             for name in _carriers(elements, motors - coupled)
             if name in limits and {*limits[name][:2]} <= NO_NUMBERS and limits[name][2] < limits[name][3]
         }
-    free = [name for name in every if name not in coupled]
-    refuse_if(
-        not free,
-        "No joint moves.",
-        f"expected joints that turn or slide and follow no other one, got {every}",
-        f"--move {every[0]}" if every else "a file of an arm",
-    )
+    still = {why: [name for name in names if name not in coupled] for why, names in held.items()}
+    still |= {"they are coupled to other joints": [name for name in every if name in coupled]}
+    free = [name for name in every if not any(name in names for names in still.values())]
     moving = [name for name in free if name in motors] or free
-    still = {
-        "nothing drives them": [name for name in free if name not in moving],
-        "they are coupled to other joints": [name for name in every if name in coupled],
-    }
+    still["nothing drives them"] = [name for name in free if name not in moving]
+    whys = "; ".join(f"{_listed(names)} stand still: {why}" for why, names in still.items() if names)
+    refuse_if(
+        not moving,
+        "No joint moves.",
+        "expected joints that turn or slide alone, got " + (value_text(whys, 400) if whys else "none"),
+        "a file of an arm",
+    )
     return moving, still
 
 

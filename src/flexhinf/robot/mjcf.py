@@ -22,6 +22,7 @@ from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement, matrix_of
 from flexhinf.robot.faults import collects_faults
 from flexhinf.robot.mjcf_actuators import ON_JOINT, dc_motor, largest_effort, motor_numbers, warn_of_actuators
+from flexhinf.robot.mjcf_couplings import check_couplings, number_of
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
@@ -85,14 +86,6 @@ ACTUATORS = {
     "dcmotor",
 }
 
-#: How couplings and tendons name what they act on.
-ENDS = {
-    "joint": ("joint1", "joint2"),
-    "body": ("body1", "body2"),
-    "site": ("site1", "site2"),
-    "tendon": ("tendon1", "tendon2"),
-}
-
 #: Arrays of a compiled model of joints and actuators that are read, that are refused elsewhere, or that change nothing
 #: within the limits of the joints; what else a version of MuJoCo has must be as in `NEUTRAL`.
 KNOWN = {
@@ -112,13 +105,9 @@ NEUTRAL = (
 #: Shapes whose mass needs no other file.
 SOLID = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
 
-#: A spring or a compensation that acts on bodies or joints, and what it would be.
+#: Springs that act on joints, and what they would be.
 SPRING = "a spring that pulls the link to a place; that behind the motor stands in the elastic file"
-ACTING = {
-    "stiffness": SPRING,
-    "springdamper": SPRING,
-    "gravcomp": "a weight that is carried by something else",
-}
+ACTING = ("stiffness", "springdamper")
 
 _NOT_FINITE = re.compile(r"(^|\s)[+-]?(nan|inf)", re.IGNORECASE)
 
@@ -149,7 +138,7 @@ def read_mjcf(
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
     _correct(spec, inertias or {})
-    _check_couplings(root, moving)
+    check_couplings(root, moving)
     _use_shapes(spec, set(moving))
     model = _by_mujoco(spec.compile)
     _check_arrays(mujoco, model, moving)
@@ -284,7 +273,7 @@ def _kept(root: Element) -> Element:
             if key in ("name", "class", "childclass", "joint"):
                 continue
             lowest = 0.0 if key in ("mass", "density") else -HUGE
-            outside = any(number < lowest or number > HUGE for number in map(_number, text.split()))
+            outside = any(number < lowest or number > HUGE for number in map(number_of, text.split()))
             refuse_if(
                 outside or _NOT_FINITE.search(text),
                 f"{key} of <{element.tag}> cannot be read.",
@@ -363,19 +352,24 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
             selection([name for name in moving if name not in others], moving),
         )
     parts = [(f"the joint {joint.name!r}", joint) for joint in joints]
-    bodies = [(f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies]
-    for key, what in ACTING.items():
+    for key in ACTING:
         values = {
-            where.removeprefix("the joint "): np.asarray(getattr(part, key, 0.0))
-            for where, part in [*parts, *bodies]
+            where.removeprefix("the joint "): np.asarray(getattr(part, key, 0.0)) for where, part in parts
         }
         acting = {where: value.tolist() for where, value in values.items() if np.any(value != 0.0)}
         refuse_if(
             acting,
             f"{', '.join(acting)}: {key} is not read.",
-            f"expected none, got {key} = {', '.join(map(str, acting.values()))}: {what}",
+            f"expected none, got {key} = {', '.join(map(str, acting.values()))}: {SPRING}",
             f"{key}='0' in each of them, or: {PLAIN.format(key=key)} writes a file where none has it",
         )
+    carried = [body.name for body in spec.bodies if body.gravcomp and _is_carried(body, moving)]
+    ask(
+        carried,
+        f"gravcomp is left out: the motors carry the whole weight of {value_text(', '.join(carried), 160)}.",
+        "expected links whose weight the motors carry, got a share of it that nothing carries",
+        "a file without gravcomp; where a counterweight or a spring carries it, this is another robot",
+    )
     for where, part in [
         *parts,
         *((f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators),
@@ -392,83 +386,11 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
             )
 
 
-def _carriers(element: Element, moving: Collection[str], carrier: str = "") -> dict[str, str]:
-    """The moving joint that carries each body and site of an element; "" is the world."""
-    parts = list(element)
-    for part in parts:  # which grow: what stands in a frame belongs to its body
-        parts += list(part) if part.tag == "frame" else []
-    carrier = next(
-        (str(part.get("name")) for part in parts if part.tag == "joint" and part.get("name") in moving),
-        carrier,
-    )
-    found = {f"{element.tag} {element.get('name')}": carrier, "body world": ""}
-    for part in parts:
-        if part.tag == "site":
-            found[f"site {part.get('name')}"] = carrier
-        elif part.tag == "body":
-            found |= _carriers(part, moving, carrier)
-    return found
-
-
-def _check_couplings(root: Element, moving: Sequence[str]) -> None:
-    carriers = {
-        name: at for world in root.findall("worldbody") for name, at in _carriers(world, moving).items()
-    }
-    tendons = {part.get("name"): part for group in root.findall("tendon") for part in group}
-
-    def on_moving(element: Element) -> bool:
-        """Whether a coupling, or a tendon, acts between parts that move against each other."""
-        ends = {word: [name for key in keys if (name := element.get(key))] for word, keys in ENDS.items()}
-        if element.tag == "fixed":
-            return any(part.get("joint") in moving for part in element)
-        if ends["joint"]:
-            return any(name in moving for name in ends["joint"])
-        if ends["tendon"]:
-            return any(name not in tendons or on_moving(tendons[name]) for name in ends["tendon"])
-        if element.tag == "spatial":
-            ends["site"] = [str(part.get("site")) for part in element if part.tag == "site"]
-            if any(part.tag not in ("site", "pulley") for part in element):
-                return True
-        places = [f"{word} {name}" for word in ("body", "site") for name in ends[word]]
-        at = {carriers.get(place, "") for place in places} | ({""} if len(places) == 1 else set[str]())
-        return not places or len(at) > 1
-
-    for element in (element for group in root.findall("equality") for element in group):
-        parts = [str(element.get(key)) for keys in ENDS.values() for key in keys if element.get(key)]
-        free = [name for name in moving if name not in parts]
-        refuse_if(
-            on_moving(element) and element.get("active", "true") != "false",
-            f"<equality> {element.tag} of {value_text(', '.join(parts), 120)} couples what moves.",
-            "expected a tree of independent joints",
-            selection(free, moving)
-            if element.tag == "joint" and free
-            else "active='false' in it: the robot without it",
-        )
-    by_hand = any(part.get("autolimits") == "false" for part in root.iter("compiler"))
-    automatic = "" if by_hand else "auto"
-    for element in [*tendons.values(), *(part for part in root.iter("tendon") if len(part) == 0 and tendons)]:
-        if element.tag != "tendon" and not on_moving(element):
-            continue  # a <tendon> without parts is a default of all of them
-        acting = [
-            key
-            for key in ("stiffness", "damping", "frictionloss", "armature")
-            if any(_number(word) != 0.0 for word in element.get(key, "").split())
-        ]
-        if element.get("range") and element.get("limited", "auto") in ("true", automatic):
-            acting.append("range")
-        for key in acting[:1]:
-            raise InvalidInput(
-                f"a tendon has {key}: {value_text(element.get('name', 'the default of tendons'), 60)}.",
-                f"expected joints that are coupled by links alone, got {key}={element.get(key)!r}",
-                f"the tendon without {key}",
-            )
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
+def _is_carried(body: Any, moving: Collection[str]) -> bool:
+    """Whether a moving joint is between a body and the world."""
+    while body is not None and not any(joint.name in moving for joint in body.joints):
+        body = body.parent
+    return body is not None
 
 
 def _use_shapes(spec: Any, moving: Collection[str]) -> None:
@@ -478,10 +400,7 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
         stated = body.explicitinertial and spec.compiler.inertiafromgeom.name != "mjINERTIAFROMGEOM_TRUE"
         light = geom.mass == 0.0 or (not geom.mass > 0.0 and geom.density == 0.0)
         solid = kind in SOLID and not geom.meshname
-        carrier = body
-        while carrier is not None and not any(joint.name in moving for joint in carrier.joints):
-            carrier = carrier.parent
-        if stated or light or kind == "plane" or not (solid or carrier is not None):
+        if stated or light or kind == "plane" or not (solid or _is_carried(body, moving)):
             kinds = cast("Any", type(geom.type))
             geom.type, geom.meshname, geom.hfieldname = kinds.mjGEOM_SPHERE, "", ""
             geom.mass, geom.density, geom.size = 0.0, 0.0, (1.0, 0.0, 0.0)
@@ -509,7 +428,7 @@ def _with_followers(root: Element, locked: Mapping[str, float | None], model: An
             stated, leader, off = coupled[name].get("polycoef", "").split(), coupled[name].get("joint2"), 0.0
             if leader is not None and leader in names:
                 off = stand(leader, {*behind, name}) - float(model.qpos0[model.joint(leader).qposadr[0]])
-            terms = [*map(_number, stated), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(stated) :]]
+            terms = [*map(number_of, stated), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(stated) :]]
             place = zero + sum(term * off**power for power, term in enumerate(terms[:5]))
             found = f"expected up to 5 numbers, got {value_text(stated, 60)}"
             unclear = len(stated) > 5 or not abs(place) <= HUGE

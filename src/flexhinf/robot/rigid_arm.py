@@ -73,6 +73,8 @@ class RigidArm:
         Of MJCF only: the <dcmotor> of each joint that has one.
     repeated
         Of URDF only: elements that stand more than once, what is read of them and what is left, in sentences.
+    doubtful
+        Of links whose inertia no body has, and for which nobody asked for the nearest one: what is wrong.
     gravity, down
         Of MJCF only: free fall, m/s², and its direction (3,).
     """
@@ -89,15 +91,13 @@ class RigidArm:
     motors: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
     dc_motors: dict[str, DcMotor] = field(default_factory=dict[str, DcMotor])
     repeated: list[str] = field(default_factory=list[str])
+    doubtful: dict[str, str] = field(default_factory=dict[str, str])
     gravity: float = GRAVITY
     down: tuple[float, float, float] | None = None
     _bodies: list[list[Any]] = field(default_factory=list[list[Any]])
-    _doubtful: dict[str, str] = field(
-        default_factory=dict[str, str]
-    )  # of links whose inertia is no body's: what is wrong
-    _nearest: dict[str, str] = field(
-        default_factory=dict[str, str]
-    )  # of those that lack much: the nearest of a body
+    # of doubtful links: the nearest inertia of a body
+    _nearest: dict[str, str] = field(default_factory=dict[str, str])
+    _refused: bool = False  # whether one of them lacks much, and nobody asked for the nearest
 
     def add_joint(
         self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
@@ -146,14 +146,14 @@ class RigidArm:
         # Second moments along the principal axes, which no body has below zero.
         moments = (a + b + c) / 2.0 - np.array([a, b, c])
         short = -min(float(moments.min()), a)
-        if short > max(1e-9 * size, floor):
-            fault = "a negative inertia" if a < 0.0 else "none that keeps the triangle inequality"
-            self._doubtful[link] = f"{link!r} has {fault}: ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²"
         if min(float(moments.min()), a) < 0.0:
             inertia = nearest_inertia(inertia)
-        if short > max(1e-9 * size, floor, NEARLY * size) and correction != NEAREST:
+        if short > max(1e-9 * size, floor):
+            fault = "a negative inertia" if a < 0.0 else "none that keeps the triangle inequality"
+            self.doubtful[link] = f"{link!r} has {fault}: ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²"
             six = dict(zip(INERTIA, six_of(inertia)))
             self._nearest[link] = " ".join(f"i{axis}='{moment:.4g}'" for axis, moment in six.items())
+        self._refused |= short > max(1e-9 * size, floor, NEARLY * size) and correction != NEAREST
         turn = np.array(place.rotation)
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
@@ -164,28 +164,28 @@ class RigidArm:
     def merge(self) -> RigidArm:
         """The arm with the bodies that move together merged into one link each; inertias that no body has are refused
         all at once, or taken as the nearest one where little is missing."""
-        corrected = [link for link in self._doubtful if self.inertias.get(link) == NEAREST]
+        corrected = [link for link in self.doubtful if self.inertias.get(link) == NEAREST]
         ask(
             corrected,
             f"The nearest inertia of a body is taken for {', '.join(map(repr, corrected))}.",
-            "; ".join(self._doubtful.pop(link) for link in corrected),
+            "; ".join(self.doubtful.pop(link) for link in corrected),
             "the inertia as it was measured, in [links.NAME] of the robot file",
         )
-        wrong = refuse_part(self._nearest, NO_BODY, tuple(self._nearest), *self._no_body())
-        ask(self._doubtful and not wrong, *self._no_body())
+        wrong = refuse_part(self._refused, NO_BODY, tuple(self.doubtful), *self._no_body())
+        ask(self.doubtful and not wrong, *self._no_body())
         self._merge_links()
         return self
 
     def _no_body(self) -> tuple[str, str, str]:
-        nearest = "; ".join(f"{text} of {link!r}" for link, text in self._nearest.items())
+        nearest = "; ".join(f"{self._nearest[link]} of {link!r}" for link in self.doubtful)
         return (
-            f"{', '.join(map(repr, self._doubtful))}: no body has such an inertia.",
+            f"{', '.join(map(repr, self.doubtful))}: no body has such an inertia.",
             "expected principal inertias >= 0 of which none exceeds the sum of the others; "
-            + "; ".join(self._doubtful.values())
-            + ("" if self._nearest else "; the nearest that a body has are taken"),
-            f"inertia = 'nearest' in {' and '.join(f'[links.{toml_key(link)}]' for link in self._nearest)} of the "
+            + "; ".join(self.doubtful.values())
+            + ("" if self._refused else "; the nearest that a body has are taken"),
+            f"inertia = 'nearest' in {' and '.join(f'[links.{toml_key(link)}]' for link in self.doubtful)} of the "
             f"robot file; or in its <inertia>: {nearest}"
-            if self._nearest
+            if self._refused
             else "the inertia about the centre of mass, in kg·m²",
         )
 
