@@ -90,9 +90,7 @@ def test_every_inertia_that_no_body_has_is_named_with_little_missing_too(
     wrong = next(found for found in examine_robot(path).findings if "no body" in found.what)
     assert wrong.severity == ("fault" if moment > 0.021 else "doubt")
     assert moment < 0.021 or {"[links.upper]", "[links.lower]"} <= {*wrong.advice.split()}
-    assert [change.rpartition("of ")[2] for change in examined_changes(path)] == [
-        "'upper', 'lower': the nearest that one has is taken."
-    ]
+    assert [change.split("'")[1::2] for change in examined_changes(path)] == [["upper", "lower"]]
     assert tomllib.loads(begun(path).read_text(encoding="utf-8"))["links"] == {
         name: {"inertia": "nearest"} for name in ("upper", "lower")
     }
@@ -162,7 +160,7 @@ def test_joints_of_closed_loops_and_of_tendons_stand_still_and_are_named(tmp_pat
     path.write_text(LOOPED.format("", '<motor tendon="split"/>'))
     loop, pulled = examined_changes(path)
     assert unnamed(loop, "'crank', 'rod', 'rocker'", "connect of 'rod, rocker'") == []
-    assert "'thumb', 'f' stand still: they are coupled" in pulled
+    assert pulled.split("'")[1::2] == ["thumb", "f"]
     assert load_robot(begun(path)).joint_names == ("arm",)
     cable = '<spatial name="cable" stiffness="40"><site site="post"/><site site="tip"/></spatial>'
     path.write_text(LOOPED.format(cable, ""))
@@ -170,9 +168,7 @@ def test_joints_of_closed_loops_and_of_tendons_stand_still_and_are_named(tmp_pat
         "'crank', 'rod', 'rocker'", "'arm', 'f'"
     ]  # fmt: skip
     path.write_text(LOOPED.format(cable.replace("tip", "end"), '<motor tendon="split"/>'))
-    with refused_with(
-        InvalidInput, "No joint moves", "'crank', 'rod', 'rocker'", "connect", "'arm'", "cable"
-    ):
+    with refused_with(InvalidInput, "'crank', 'rod', 'rocker'", "connect", "'arm'", "cable"):
         description_of(path, ()).arm()
 
 

@@ -363,10 +363,11 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
             f"expected none, got {key} = {', '.join(map(str, acting.values()))}: {SPRING}",
             f"{key}='0' in each of them, or: {PLAIN.format(key=key)} writes a file where none has it",
         )
-    carried = [body.name for body in spec.bodies if body.gravcomp and _is_carried(body, moving)]
+    moved_bodies = [body.name for body in spec.bodies if body.gravcomp and _moves_with(body, moving)]
     ask(
-        carried,
-        f"gravcomp is left out: the motors carry the whole weight of {value_text(', '.join(carried), 160)}.",
+        moved_bodies,
+        "gravcomp is left out: the motors carry the whole weight of "
+        f"{value_text(', '.join(moved_bodies), 160)}.",
         "expected links whose weight the motors carry, got a share of it that nothing carries",
         "a file without gravcomp; where a counterweight or a spring carries it, this is another robot",
     )
@@ -386,7 +387,7 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
             )
 
 
-def _is_carried(body: Any, moving: Collection[str]) -> bool:
+def _moves_with(body: Any, moving: Collection[str]) -> bool:
     """Whether a moving joint is between a body and the world."""
     while body is not None and not any(joint.name in moving for joint in body.joints):
         body = body.parent
@@ -400,7 +401,7 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
         stated = body.explicitinertial and spec.compiler.inertiafromgeom.name != "mjINERTIAFROMGEOM_TRUE"
         light = geom.mass == 0.0 or (not geom.mass > 0.0 and geom.density == 0.0)
         solid = kind in SOLID and not geom.meshname
-        if stated or light or kind == "plane" or not (solid or _is_carried(body, moving)):
+        if stated or light or kind == "plane" or not (solid or _moves_with(body, moving)):
             kinds = cast("Any", type(geom.type))
             geom.type, geom.meshname, geom.hfieldname = kinds.mjGEOM_SPHERE, "", ""
             geom.mass, geom.density, geom.size = 0.0, 0.0, (1.0, 0.0, 0.0)
