@@ -128,6 +128,12 @@ def test_narrower_tolerances_name_the_way_to_them() -> None:
     robot = fh.load_robot("planar-two-link")
     assert unnamed(tolerances_text(robot), "flexhinf identify") == []
     assert "payload" not in tolerances_text(robot)
+    inertias = [
+        dataclasses.replace(p, tolerance=50.0 if p.name.startswith("rotor_inertia") else p.tolerance)
+        for p in robot.parameters
+    ]
+    text = tolerances_text(dataclasses.replace(robot, parameters=tuple(inertias)))
+    assert (unnamed(text, "rotor inertia"), unnamed(text, "stiffness")) == ([], ["stiffness"])
     assert "payload" in tolerances_text(fh.load_robot("planar-two-link", payload="0..1kg"))
 
 

@@ -27,6 +27,7 @@ from flexhinf.design.workspace.masses import StatedErrors
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.robustness import (
     LATEST,
+    Cause,
     Robustness,
     quantity_of,
     remaining_cause,
@@ -454,6 +455,15 @@ def test_limits_of_motors_are_to_check_where_they_are_too_weak(missed, told):
     lines = [Requirement(what, 0.0, 1.0, "", True, "the move", "") for what in missed]
     made = SimpleNamespace(missed=lines, robot=fh.paper_arm(), remaining_cause=None)
     assert (unnamed(summary._to_check(made), "motors", "effort_limit") == []) == told
+
+
+@pytest.mark.parametrize(("what", "told"), [("remaining", False), ("damping", True)])
+def test_tolerances_are_to_check_where_another_cause_explains_the_remaining_error_alone(what, told):
+    """A damping of 0.005 at corners of ± 50 % was blamed on dry friction, which made the remaining error."""
+    lines = [REQUIREMENTS[each].judge(None, 1e-3, 2e-3, "at a corner") for each in ("remaining", what)]
+    cause = Cause("dry friction", 0, 2e-3, 1e-5, False)
+    made = SimpleNamespace(missed=lines, robot=fh.paper_arm(), remaining_cause=cause)
+    assert (unnamed(summary._to_check(made), "tolerances", "dry friction") == []) == told
 
 
 @pytest.mark.ci("judges a changed design, and draws its page")

@@ -26,6 +26,7 @@ from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.design.workspace.judgement import missed_by
+from flexhinf.design.workspace.robustness import quantity_of
 from flexhinf.numerals import number
 from flexhinf.options import with_value
 from flexhinf.pages.comparison import (
@@ -54,6 +55,9 @@ from flexhinf.robot import Robot
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
+
+#: Numbers of a robot whose errors move its vibrations most.
+DECISIVE = ("stiffness", "motor inertia", "rotor inertia", "mass")
 
 #: A requirement is near its limit where it has at most this share of it to spare.
 NEAR = 0.2
@@ -214,12 +218,19 @@ def _limit_text(field: str, missed: Sequence[Requirement]) -> str:
 
 
 def tolerances_text(robot: Robot) -> str:
-    """What makes a robot's tolerances narrower, as an advice."""
-    payload = any(number.name.startswith("payload") for number in robot.uncertain)
-    others = any(not number.name.startswith("payload") for number in robot.uncertain)
-    texts = ["narrower tolerances: measure the stiffness better (flexhinf identify)"] * (
-        others or not payload
-    )
+    """What makes a robot's tolerances narrower, as an advice: measurements of what is known least."""
+    own = [p for p in robot.uncertain if not p.name.startswith("payload")]
+    errors: dict[str, float] = {}
+    for p in own:
+        kind = quantity_of(p.name, robot.joint_names)
+        if kind in DECISIVE and p.value:
+            errors[kind] = max(errors.get(kind, 0.0), (p.interval[1] - p.interval[0]) / abs(p.value))
+    kinds = [
+        kind for kind in DECISIVE if errors.get(kind, 0.0) >= 0.99 * max(errors.values(), default=np.inf)
+    ]
+    payload = len(own) < len(robot.uncertain)
+    what = listed([f"the {kind}" for kind in kinds]) or "the stiffness"
+    texts = [f"narrower tolerances: measure {what} better (flexhinf identify)"] * bool(own or not payload)
     return "; ".join([*texts, *["a smaller range of the payload"] * payload])
 
 

@@ -274,7 +274,11 @@ def _to_check(design: WorkspaceEvidence) -> str:
     missed, heavy = design.missed, heavy_motors(design.robot)
     full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
     weak, cause = full or any(line.what == UNHELD for line in missed), _cause_check(design)
-    cornered = not cause and any("corner" in line.where for line in missed)
+    explained = (
+        REQUIREMENTS["remaining"].what if cause else ""
+    )  # by its own cause; other lines by the tolerances
+    known = design.remaining_cause is not None and design.remaining_cause.tolerance
+    cornered = not known and any("corner" in line.where and line.what != explained for line in missed)
     texts = {
         cause: bool(cause),
         f"the inertia of the motor of {listed(heavy)} (is it in kg·m²?)": bool(heavy) and weak,
