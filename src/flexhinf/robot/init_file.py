@@ -142,7 +142,7 @@ def _moving(root: Element) -> tuple[list[str], dict[str, list[str]]]:
         not moving,
         "No joint moves.",
         "expected joints that turn or slide alone, got " + (value_text(whys, 400) if whys else "none"),
-        "a file of an arm",
+        f"--move {every[0]}, which then moves alone" if every and not held else "a file of an arm",
     )
     return moving, still
 
