@@ -26,7 +26,6 @@ from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.design.workspace.judgement import missed_by
-from flexhinf.design.workspace.robustness import quantity_of
 from flexhinf.numerals import number
 from flexhinf.options import with_value
 from flexhinf.pages.comparison import (
@@ -221,13 +220,10 @@ def tolerances_text(robot: Robot) -> str:
     """What makes a robot's tolerances narrower, as an advice: measurements of what is known least."""
     own = [p for p in robot.uncertain if not p.name.startswith("payload")]
     errors: dict[str, float] = {}
-    for p in own:
-        kind = quantity_of(p.name, robot.joint_names)
-        if kind in DECISIVE and p.value:
-            errors[kind] = max(errors.get(kind, 0.0), (p.interval[1] - p.interval[0]) / abs(p.value))
-    kinds = [
-        kind for kind in DECISIVE if errors.get(kind, 0.0) >= 0.99 * max(errors.values(), default=np.inf)
-    ]
+    for kind in DECISIVE:
+        known = [p for p in own if p.name.startswith(kind.replace(" ", "_")) and p.value]
+        errors[kind] = max(((p.interval[1] - p.interval[0]) / abs(p.value) for p in known), default=0.0)
+    kinds = [kind for kind in DECISIVE if errors[kind] and errors[kind] >= 0.99 * max(errors.values())]
     payload = len(own) < len(robot.uncertain)
     what = listed([f"the {kind}" for kind in kinds]) or "the stiffness"
     texts = [f"narrower tolerances: measure {what} better (flexhinf identify)"] * bool(own or not payload)
