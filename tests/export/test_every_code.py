@@ -291,8 +291,8 @@ def rich(moving: bool) -> fh.Controller:
     )
     hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
     watch = fh.Supervision(
-        box, saturation_time=0.01, braking_time=0.1,
-        reactions={"workspace": "brake", "saturation": "brake"} if moving else hold,
+        box, saturation_time=0.01, braking_time=0.1, following=0.5,
+        reactions=dict.fromkeys(("workspace", "saturation", "following"), "brake") if moving else hold,
     )  # fmt: skip
     return elastic_controller(robot_of("planar-two-link"), moving, watch).fresh(
         latency=2, start="bumpless", blend_time=0.2, input_rate=4e4, integral_dead_zone=1e-4, offset_time=0.5,

@@ -186,7 +186,7 @@ ROWS = {
     },
     "hold": {
         "share": "1, or less where the joint lets go",
-        "push": "what the model does not explain, per s^2",
+        "push": "what the model does not explain, in resistances",
         "nearest": "where it was nearest to its command since then",
         "yielded": "whether it has yielded: 1 or 0",
     },

@@ -18,7 +18,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import braked, governed, resisted, unwound
+from flexhinf.loop.controller.governor import MOST, TOUCH, believed, braked, governed, resisted, unwound
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
@@ -249,6 +249,44 @@ def test_a_joint_lets_go_of_an_obstacle_and_holds_a_load() -> None:
     loaded = held_by(lambda k: 3.0, lambda share: 1e-3 * (1.0 - share), 500)
     assert 0.0 < loaded.min() < 0.5
     assert np.all(loaded[100:] == 1.0)
+
+
+def test_a_blow_is_forgotten_as_soon_as_a_push_and_is_no_load() -> None:
+    """Twenty resistances for 30 ms, which throw the joint back at 0.1 rad/s: it grips slowly all the same."""
+    after = held_by(lambda k: 20.0 * (k < 30), lambda share: 1e-4, 130)[30:]
+    assert after.max() < 0.3
+
+
+def held_still(push: float, share: float, away: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The motion (4,) that is shown of a joint that is `away` from its command, in distances, whether it is brought
+    back, and what counts of its velocity; the motion before went at the largest speed."""
+    distance, speed = BACK.distance[0], BACK.speed[0]
+    r, seen = np.zeros(5), np.array([-away * distance, 0.0, 0.0, 0.0])
+    last = np.array([seen[0], speed, seen[0], speed, 0.0])
+    hold = np.array([[share], [push], [0.0], [0.0]])
+    shown, far, (_, _, heard) = governed(
+        [Source(True, 0, 0)], ((0, 1, 2, 3),), (), seen, seen, r, r, last, np.zeros(1), np.ones(1), [PERIOD],
+        BACK.data(PERIOD)[:, :1], hold,
+    )  # fmt: skip
+    return shown[:4], far, heard
+
+
+def test_a_joint_that_much_resists_is_brought_back_sooner_and_slowly() -> None:
+    """At half of the distance, where all of the resistance that is heard keeps it; what is estimated of its link's
+    velocity counts not at all. Below, both are as they were, and far joints hear less, by the push on either side."""
+    assert [float(held_still(push, 1.0, 0.5)[1][0]) for push in (MOST, -MOST, 0.99 * MOST)] == [1.0, 1.0, 0.0]
+    assert [float(held_still(push, 1.0, 2.0)[2][0]) for push in (-1.0, 1.5, MOST)] == [1.0, 0.5, 0.0]
+    assert held_still(1.5, 1.0, 0.5)[2] == 1.0
+    slow, fast = (held_still(MOST, share, 2.0)[0][1] for share in (0.5, 1.0))
+    assert slow == pytest.approx(0.5 * TOUCH * BACK.speed[0], rel=1e-12)
+    assert fast > 0.9 * BACK.speed[0]
+
+
+def test_velocities_of_links_behind_springs_count_by_a_share_and_of_rigid_ones_whole() -> None:
+    places, x = ((0, 2, 4, 5), (1, 3, 1, 3)), np.arange(1.0, 9.0)
+    heard = believed(places, np.array([0.25, 0.25]), x)
+    assert np.array_equal(heard, x * [1.0, 1.0, 0.25, 1.0, 1.0, 1.0, 1.0, 1.0])
+    assert np.array_equal(believed(places, np.ones(2), x), x)
 
 
 @pytest.mark.ci("ten arms move for three seconds each, in Python")

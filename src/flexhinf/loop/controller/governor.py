@@ -23,9 +23,15 @@ as near as p is large: it stays within g d of the joint, and
 
     ġ = (1 − |p|/w)/t,    0 ≤ g ≤ 1,    t = `REGRIP` where g grows, else `LET_GO`.
 
-So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. An
-obstacle does not move a joint. Where p does so, by `YIELDED` of the distance away from the command, it is a load, and
-the joint grips until p is small. Where nothing keeps it back, g is 1.
+So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. The
+speed of the motion is then g times `TOUCH` of its largest one at most. An obstacle does not move a joint. Where p
+does so, by `YIELDED` of the distance away from the command, it is a load, and the joint grips until p is small. Where
+nothing keeps it back, g is 1.
+
+A link that is blocked stands, but its estimate moves, by what the spring would make of a free one: at tens of rad/s of
+a light link. A law that damps these winds the spring up, and keeps it wound. So of the velocity of such a link, where
+it has a spring, it hears 2 − |p|/w, at most 1 and at least 0; what it hears of the motor's relaxes the spring. Of p no
+more than 2 w is kept, or a blow would be heard when the joint is free again, and be taken for a load.
 
 A joint that is let go of may outrun the motion that it is shown, by what its integral holds. Such an integral is taken
 back within `TAKEN_BACK`.
@@ -57,6 +63,14 @@ RATE, PER_SAMPLE, OVER = 40.0, 0.2, 1e-3
 #: What resists a joint is heard with this time constant, s; times t in which a joint lets go and grips again, s; share
 #: of the resistance below which nothing keeps the joint, and of the distance by which a load moves it.
 HEARD, LET_GO, REGRIP, QUIET, YIELDED = 0.02, 0.03, 0.3, 0.5, 0.25
+
+#: Of what resists a joint so many resistances are heard; one less, and its link's velocity counts less; all of them,
+#: and it is brought back from this share of the distance on. More, and a blow of 20 would be heard for 60 ms.
+MOST, SOONER = 2.0, 0.25
+
+#: Share of its largest speed with which a joint comes back while it grips again: a rotor that touches the obstacle with
+#: v winds the spring by v sqrt(K J), which throws a light link with many times v if that goes then.
+TOUCH = 0.1
 
 #: Integrals that drive a joint faster than it is shown are taken back with this time constant, s: wholly where it is
 #: faster by the second of two shares of the largest speed, not at all below the first. A light rotor is at its speed
@@ -250,14 +264,14 @@ def resisted(
     resistance: Any,
 ) -> Any:
     """How the joints are held (4, k), by what a correction changed (k,) of their velocities: the share g of the
-    distance within which their motion is shown, the acceleration that no model explains, where the joint was nearest
-    to its command since that keeps it from it, and whether it has yielded since, 1 or 0."""
+    distance within which their motion is shown, the acceleration that no model explains, in resistances, where the
+    joint was nearest to its command since that keeps it from it, and whether it has yielded since, 1 or 0."""
     heard, columns = minimum(period[0] / HEARD, 1.0), list[list[Any]]()
     joints = zip(places, positions(tracked, y, estimate), change, far, numbers[0], resistance, *hold)
     for (link, *_), seen, gained, flag, distance, most, share, push, nearest, load in joints:
-        push = push + heard * (gained / period[0] - push)
+        push = clip(push + heard * (gained / (period[0] * most) - push), -MOST, MOST)
         side = where(r[link] < seen, -1.0, 1.0)
-        keeps = where(flag > 0.5, -side * push / most, 0.0)
+        keeps = where(flag > 0.5, -side * push, 0.0)
         nearest = where(keeps < QUIET, seen, where(side * (seen - nearest) > 0.0, seen, nearest))
         load = where(side * (nearest - seen) > YIELDED * distance, 1.0, where(keeps < QUIET, 0.0, load))
         rate = where(load > 0.5, 1.0, clip(1.0 - keeps, -1.0, 1.0) * where(keeps < 1.0, LET_GO / REGRIP, 1.0))
@@ -282,16 +296,18 @@ def governed(
     numbers: Any,
     *hold: Any,
 ) -> tuple[Any, Any, Any]:
-    """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
-    those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
-    was shown then, `hold` that of `resisted`, by default all of the distance."""
+    """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and
+    (3, k) of those at the distance from it the lag, else 0, by how much joints are faster than shown, and what counts
+    of the velocities in the estimate. `before` is the command before r, `last` the one that the law was shown then,
+    `hold` that of `resisted`, by default all of the distance."""
     command: list[Any] = list(r)
     flags: list[Any] = []
     lags: list[Any] = []
     outrun: list[Any] = []
-    shares = hold[0][0] if hold else [1.0] * len(places)
-    joints = zip(places, positions(tracked, y, estimate), far, shares, *numbers)
-    for row, seen, flag, share, distance, *own in joints:
+    heard: list[Any] = []
+    shares, pushes = hold[0][:2] if hold else ([1.0] * len(places), [0.0] * len(places))
+    joints = zip(places, positions(tracked, y, estimate), far, shares, pushes, *numbers)
+    for row, seen, flag, share, push, distance, *own in joints:
         link, turning, *_ = row
         goes_on, goal, rate = started[0] > 0.5, r[link], r[turning]
         place, speed = where(goes_on, last[link], seen), where(goes_on, last[turning], 0.0)
@@ -300,10 +316,13 @@ def governed(
         place, faster, clipped = _followed(
             (goal, rate), seen, (place, speed), step, period[0], (distance * share, *own)
         )
+        slow = TOUCH * share * own[0]
+        faster = where(share < 1.0, clip(faster, -slow, slow), faster)
         lag, ahead = place - goal, faster - rate
         slow = where(absolute(ahead) > 2.0 * period[0] * own[1], 0.0, 1.0)
-        flag = where(absolute(goal - seen) > distance, 1.0, flag)
         flag = where(absolute(lag) > OVER * distance, flag, flag * (1.0 - slow))
+        most = where(absolute(push) < MOST, distance, SOONER * distance)
+        flag = where(absolute(goal - seen) > most, 1.0, flag)
         lag, ahead = where(flag > 0.5, lag, 0.0), where(flag > 0.5, ahead, 0.0)
         shifts = dict(zip(row, (lag, ahead, lag, ahead)))
         for motors, factors in zip(places, turned):  # of coupled joints, T times that
@@ -314,7 +333,8 @@ def governed(
         flags.append(flag)
         lags.append(where(clipped > 0.0, lag, 0.0))
         outrun.append(where(flag > 0.5, (estimate[turning] - command[turning]) / own[0], 0.0))
-    return np.array(command), np.array(flags), np.array([lags, outrun])
+        heard.append(where(flag > 0.5, clip(MOST - absolute(push), 0.0, 1.0), 1.0))
+    return np.array(command), np.array(flags), np.array([lags, outrun, heard])
 
 
 def _followed(
@@ -337,6 +357,14 @@ def _followed(
     kept = free - place
     # A joint that keeps the motion back stops it; one that is ahead of it does not make it faster.
     return place, where(kept * aim > 0.0, clip(0.0, speed - step, speed + step), aim), absolute(kept)
+
+
+def believed(places: Sequence[Sequence[int]], share: Any, deviation: Any) -> Any:
+    """The law's argument with a share (k,) of what is estimated of the velocities of links behind springs."""
+    parts = list(deviation)
+    for (link, turning, motor, _), part in zip(places, share):
+        parts[turning] = parts[turning] if motor == link else part * parts[turning]
+    return np.array(parts)
 
 
 def unwound(error: Any, integral: Any, lag: Any) -> Any:

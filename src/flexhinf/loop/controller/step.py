@@ -34,7 +34,7 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
-from flexhinf.loop.controller.governor import braked, brought_back, unwound
+from flexhinf.loop.controller.governor import believed, braked, brought_back, unwound
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import (
     Source,
@@ -260,7 +260,7 @@ def controller_step(
         *lag,
     )
     position, integral, deviation = run.call(
-        partial(_deviation, tracked, mode.moving, bool(lag)), y, estimate, ahead, memory.position, held,
+        partial(_deviation, tracked, mode.moving, mode.governed), y, estimate, ahead, memory.position, held,
         memory.integral, memory.started, data.period, point, *others,
     )  # fmt: skip
     about: Any = None
@@ -357,7 +357,7 @@ def _passed(started: Any, r: Any, last: Any, queue: Any) -> tuple[Any, Any, Any]
 def _deviation(
     tracked: Sequence[Source],
     moving: bool,
-    governs: bool,
+    governed: Sequence[Sequence[int]],
     y: Any,
     estimate: Any,
     ahead: Any,
@@ -372,6 +372,7 @@ def _deviation(
     """Tracked positions, integrals, and the law's argument: x − x*, or x − x_d about the moving reference, where x is
     the state `ahead`, at which the input acts."""
     n, places = len(estimate), [source.state for source in tracked]
+    share: Any = ()
     position = positions(tracked, y, estimate)
     if moving:
         # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
@@ -379,15 +380,16 @@ def _deviation(
     else:
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
-    if governs:
-        (lag, faster), others = others[-1], others[:-1]
+    if governed:
+        (lag, faster, share), others = others[-1], others[:-1]
         error, integral = unwound(error, integral, lag), braked(integral, faster, period)
     # What lies beyond the dead zone ±zone (k,), where there is one.
     for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)
     integral = integral + where(started[0] > 0.5, period * error, 0.0)
     centre = np.concatenate([others[0][:n], point[n:]]) if moving else point
-    return position, integral, np.concatenate([np.asarray(ahead), integral]) - centre
+    deviation = np.concatenate([np.asarray(ahead), integral]) - centre
+    return position, integral, believed(governed, share, deviation) if governed else deviation
 
 
 def _limited(
