@@ -186,13 +186,17 @@ def test_other_commands_take_its_folder_or_say_why_not(
     proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
     assert 0.0 < proof["proved"]["lower"] < proof["computed"]["lower"] < abs(proof["unstable"]["error"])
     assert [text[:3] for text in proof["hypotheses"]] == ["1. ", "2. ", "3. ", "4. ", "5. "]
-    assert "every pose" not in json.dumps(proof)
+    assert "every pose" in proof["hypotheses"][0]
+    assert proof["everywhere"]["low"] <= proof["stable"]["low"]
     assert proof["largest"]["tolerance"] > 0.1
     assert proof["largest"]["payload"] > 0.0
     begins = " ".join(proof["text"].split()[:7])
     assert unnamed(capsys.readouterr().out, begins, "destabilises", "--check") == []
     assert main(["certify", "--check", "proof"]) == 0
     assert unnamed(capsys.readouterr().out, "Proved", "not checked") == []
+    for changed in ({"everywhere": None, "arm": {**proof["arm"], "lower": 0.9}}, {"arm": None}):
+        (folder / "forged.json").write_text(json.dumps({**proof, **changed}), encoding="utf-8")
+        assert main(["certify", "--check", "forged.json"]) == 1
     proof["proved"]["lower"] += 0.01
     (folder / "forged.json").write_text(json.dumps(proof), encoding="utf-8")
     assert main(["certify", "--check", "forged.json"]) == 1

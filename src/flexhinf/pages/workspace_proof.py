@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexhinf.certify.checker.arm import CheckedArm
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.proof import PairVerdict, WorkspaceProof, modal_filter, proved_errors
@@ -14,7 +15,7 @@ from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
 from flexhinf.modal.popov import EXACT, NONE, Errors, PopovTolerance, Sector
-from flexhinf.numerals import number
+from flexhinf.numerals import at_least, at_most, number
 from flexhinf.pages.drawing import count_text
 from flexhinf.pages.page import design_statuses
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -86,19 +87,28 @@ def _tolerated(errors: Errors) -> str:
     return f"tolerated errors of {errors.names or 'masses'}, all vibrations"
 
 
-def masses_text(sector: Sector) -> str:
-    """A sector as the factors of the inertia matrix: between M/(1 + δ₂) and M/(1 − δ₁)."""
+def masses_text(sector: Sector, of_robots: bool = False) -> str:
+    """A sector as the factors of the inertia matrix: between M/(1 + δ₂) and M/(1 − δ₁).
+
+    Rounded so that it holds: what is tolerated inwards, what robots have outwards.
+    """
     low, high = 1.0 / (1.0 + sector.upper), 1.0 / (1.0 - sector.lower)
-    return f"{number(low, 3)} to {number(high, 3)} times the model's inertia"
+    return f"{_ends_text(low, high, of_robots)} times the model's inertia"
 
 
-def errors_text(errors: Errors) -> str:
-    """Errors as the factors of inertia and stiffness."""
+def _ends_text(low: float, high: float, outwards: bool) -> str:
+    """LOW to HIGH, with three digits."""
+    down, up = at_least(low, 3), at_most(high, 3)
+    return f"{down} to {up}" if outwards else f"{at_most(low, 3)} to {at_least(high, 3)}"
+
+
+def errors_text(errors: Errors, of_robots: bool = False) -> str:
+    """Errors as the factors of inertia and stiffness; see `masses_text`."""
     softer, stiffer = errors.springs
     if errors.springs == EXACT:
-        return masses_text(errors.masses)
-    springs = f"{number(1.0 - softer, 3)} to {number(1.0 + stiffer, 3)} times its stiffness"
-    return f"{masses_text(errors.masses)} and {springs}"
+        return masses_text(errors.masses, of_robots)
+    springs = f"{_ends_text(1.0 - softer, 1.0 + stiffer, of_robots)} times its stiffness"
+    return f"{masses_text(errors.masses, of_robots)} and {springs}"
 
 
 def stability_text(setup: WorkspaceSetup, proved: ProvedRange) -> str:
@@ -122,15 +132,19 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     """What the theorem holds for."""
     setup, checked = proof.setup, proof.checked
     low, high = np.sqrt(proof.stable[:2] if checked is None else (checked.low, checked.high))
+    arm = proof.everywhere and proof.everywhere.checked
     whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
+    if arm and arm.low is not None:
+        whole = f"; it does so at every pose within the joint ranges, shown in {arm.boxes} boxes"
     masses, (softer, stiffer) = proof.errors
     errors = (
         "the model's own masses"
         if checked is None
         else f"an inertia matrix of the links, at that pose, of {masses_text(masses)}, as a matrix inequality"
+        + ("; all bodies of the file's tolerances have one, at every pose" if arm else "")
     )
     springs = (
-        f"springs of {number(1.0 - softer, 3)} to {number(1.0 + stiffer, 3)} times the model's stiffness"
+        f"springs of {_ends_text(1.0 - softer, 1.0 + stiffer, False)} times the model's stiffness"
         if max(softer, stiffer)
         else "springs as stiff as the model's"
     )
@@ -171,7 +185,11 @@ def _left_out(proof: WorkspaceProof) -> bool:
 def proof_text(proof: WorkspaceProof) -> str:
     """The first line: what is proved for the tolerances and the payload of the file."""
     stated, checked = proof.stated, proof.checked
-    where = f"at {stated.poses or MODAL_POSES} sampled poses"
+    where, file_errors = f"at {stated.poses or MODAL_POSES} sampled poses", stated.errors
+    if proof.everywhere is not None and proof.is_stated:
+        arm = proof.everywhere.checked
+        file_errors = file_errors._replace(masses=Sector(arm.lower, arm.upper))
+        where = f"at {MODAL_POSES} sampled poses" if arm.low is None else "at every pose of the workspace"
     if checked is None:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
@@ -185,7 +203,7 @@ def proof_text(proof: WorkspaceProof) -> str:
             every = "masses and payloads, and of springs if their true torque makes the unlike motors alike"
         return (
             f"Proved for the file's tolerances of {every}, {where}: they make "
-            f"{errors_text(stated.errors)}, and small motions about rest are stable with {proved}."
+            f"{errors_text(file_errors, True)}, and small motions about rest are stable with {proved}."
         )
     tolerated, needed, which = min(
         zip(proof.errors.numbers, stated.errors.numbers, KINDS),
@@ -261,8 +279,16 @@ def _proof_table(proof: WorkspaceProof) -> Table:
             )
         )
     rows.append(_computed_row(proof.tolerance))
-    where = f"{stated.poses} sampled poses, corners of the tolerances" if stated.poses else "the form of M"
-    rows.append(("the file's masses, payloads and springs", errors_text(stated.errors), where))
+    where, file_errors = "the form of M", stated.errors
+    if stated.poses:
+        where = f"{stated.poses} sampled poses, corners of the tolerances"
+    if proof.everywhere is not None:
+        arm = proof.everywhere.checked
+        where, file_errors = (
+            "at every pose, body by body",
+            file_errors._replace(masses=Sector(arm.lower, arm.upper)),
+        )
+    rows.append(("the file's masses, payloads and springs", errors_text(file_errors, True), where))
     return Table(("what", "range or size", "how it is known"), rows, CAPTION, stacks=True)
 
 
@@ -346,7 +372,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
-        "version": 3,
+        "version": 4,
         "kind": "workspace",
         "robot": proof.setup.robot.name,
         "text": proof_text(proof),
@@ -364,6 +390,8 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
         "estimator": modal_filter(proof.setup) is not None,
         **law_numbers(proof.setup),
         "pairs": proof.numbers,
+        "everywhere": None if proof.everywhere is None else proof.everywhere.checked._asdict(),
+        "arm": None if proof.everywhere is None else proof.everywhere.arm,
     }
 
 
@@ -388,5 +416,15 @@ def pair_text(verdict: PairVerdict) -> str:
     return (
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
         f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file, in "
-        f"{count_text(found.intervals, 'interval')}. Robot, poses and hypotheses in the file are not checked."
+        f"{count_text(found.intervals, 'interval')}. {_arm_text(verdict.arm)}"
     )
+
+
+def _arm_text(arm: CheckedArm | None) -> str:
+    """What the checker says of the arm of a proof.json."""
+    if arm is None:
+        return "Robot, poses and hypotheses in the file are not checked."
+    masses = f"All bodies and payloads of its arm have {masses_text(Sector(arm.lower, arm.upper), True)} at every pose"
+    if arm.low is None:
+        return f"{masses}; the vibrations of poses and other hypotheses in the file are not checked."
+    return f"{masses}, and these vibrations alone. Other hypotheses in the file are not checked."

@@ -102,7 +102,7 @@ class CheckedPairs(NamedTuple):
 def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
     try:
-        one = {name: _finite(numbers[name], 0) for name in SCALARS}
+        one = {name: finite_numbers(numbers[name], 0) for name in SCALARS}
         latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
             raise ValueError(f"latency {latency!r}")
@@ -110,16 +110,16 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             raise ValueError("no interval, or too many")
         seen = table = ends = None
         if observer is not None:
-            seen, table = _finite(observer["seen"], 2), _finite(observer["table"], 2)
-            ends = tuple(_finite(observer["range"], 1).tolist())
+            seen, table = finite_numbers(observer["seen"], 2), finite_numbers(observer["table"], 2)
+            ends = tuple(finite_numbers(observer["range"], 1).tolist())
             fits = seen.shape[1:] == (4,) and table.shape[1:] == (4 * len(seen),)
             if not (fits and len(ends) == 2 and ends[0] < ends[1] and len(table) <= MOST[2]):
                 raise ValueError("the observer has other shapes")
-        poles, coefficients = _finite(numbers["poles"], 1), _finite(numbers["coefficients"], 2)
+        poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
         springs = max(one["softer"], one["stiffer"]) > 0.0
         n = 6 + latency + 4 * (seen is not None) + bool(springs)
-        links = _finite([parts[0]["low"], *(part["high"] for part in parts)], 1)
-        triangles = _finite([part["storages"] for part in parts], 3)
+        links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
+        triangles = finite_numbers([part["storages"] for part in parts], 3)
         if any(part["low"] != low for part, low in zip(parts, links.tolist())):
             raise ValueError("an interval does not begin where the one before it ends")
         if coefficients.shape != (5, len(poles) + 1) or triangles.shape[1:] != (2, n * (n + 1) // 2):
@@ -172,7 +172,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     )
 
 
-def _finite(value: object, dimensions: int) -> np.ndarray:
+def finite_numbers(value: object, dimensions: int) -> np.ndarray:
     """Numbers of a file, neither text nor truth values."""
 
     def plain(part: object) -> None:

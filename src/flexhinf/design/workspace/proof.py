@@ -15,7 +15,9 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
 from flexhinf.certify.checker.pairs import CheckedPairs, PairClaim, check_pairs, pair_claim
+from flexhinf.design.workspace.everywhere import Everywhere, everywhere
 from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses, stated_errors
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -77,6 +79,7 @@ class WorkspaceProof(NamedTuple):
     unstable: UnstableError  # the smallest error that is found to destabilise
     stable: ProvedRange  # pairs that are proved to be stable without errors
     largest: LargestMasses | None = None  # for which the proof would still hold; None without proved errors
+    everywhere: Everywhere | None = None  # what is shown at every pose; None where poses are sampled
 
     @property
     def is_proved(self) -> bool:
@@ -171,7 +174,11 @@ def with_others(
     )
     if proof.checked is None:
         return proof
-    return proof._replace(largest=largest_masses(setup, proof.errors.masses, loaded or setup.true.robot))
+    masses = proof.errors.masses
+    return proof._replace(
+        largest=largest_masses(setup, masses, loaded or setup.true.robot),
+        everywhere=everywhere(setup, masses, (proof.checked.low, proof.checked.high)),
+    )
 
 
 class PairVerdict(NamedTuple):
@@ -181,6 +188,7 @@ class PairVerdict(NamedTuple):
     checked: CheckedPairs | None = None  # None where the check fails
     failed: tuple[float, float] | None = None  # λ of the interval in which it does, 1/s²
     beyond: str = ""  # what the file says is proved beyond what the check finds
+    arm: CheckedArm | None = None  # what holds at every pose; None where the file says nothing of it
 
     @property
     def is_proved(self) -> bool:
@@ -206,7 +214,26 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     found = check_pairs(claim)
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
-    return PairVerdict(claim, found, beyond=_beyond(numbers.get("proved"), found))
+    beyond, arm = _beyond(numbers.get("proved"), found), None
+    if isinstance(own := numbers.get("arm"), dict):
+        checked = check_arm(arm_claim(cast("dict[str, Any]", own)))
+        if isinstance(checked, str):
+            beyond = beyond or f"that {checked} is within what is proved at every pose"
+        else:
+            arm, beyond = checked, beyond or _arm_beyond(checked, found)
+    stated = numbers.get("everywhere")
+    if stated is not None and (arm is None or stated != arm._asdict()):
+        beyond = beyond or "of every pose something else"
+    return PairVerdict(claim, found, beyond=beyond, arm=arm)
+
+
+def _arm_beyond(arm: CheckedArm, found: CheckedPairs) -> str:
+    """What an arm is shown to have beyond the pairs of its file."""
+    if arm.low is not None and arm.high is not None and not found.low <= arm.low < arm.high <= found.high:
+        return "of its arm that it has vibrations beyond those of the pairs"
+    if arm.lower > found.lower or arm.upper > found.upper:
+        return "of its arm that masses have larger errors"
+    return ""
 
 
 def _beyond(stated: object, found: CheckedPairs) -> str:
