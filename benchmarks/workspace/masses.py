@@ -2,7 +2,8 @@
 
 The law is the one that a design tries first, with the true state and one sample of latency. All errors are those of the
 inverse inertia matrix of the links, in the coordinates of its square root and over all vibrations, so that the columns
-can be compared: without Popov's multiplier (small gain), with it, proved, and found to destabilise.
+can be compared: without Popov's multiplier (small gain), with it, proved, and found to destabilise. A second row has
+errors of the stiffness, and what is shown of the file's robots at every pose.
 """
 
 from __future__ import annotations
@@ -20,18 +21,29 @@ from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, make_missing
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.design import Specification
+from flexhinf.design.workspace.everywhere import everywhere
 from flexhinf.design.workspace.masses import stated_errors
 from flexhinf.design.workspace.pair_proof import largest_certificate
+from flexhinf.design.workspace.proof import REPORTED
 from flexhinf.design.workspace.search import BANDWIDTHS, RANDOM, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
-from flexhinf.modal.popov import SYMMETRIC, SampledPairs, small_gain_tolerance
+from flexhinf.modal.popov import (
+    EXACT,
+    SYMMETRIC,
+    Errors,
+    SampledPairs,
+    Sector,
+    popov_tolerance,
+    small_gain_tolerance,
+)
 from flexhinf.modal.unstable import smallest_unstable
+from flexhinf.numerals import at_most
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot
 from flexhinf.robot.workspace import workspace_of
 
-__all__ = ["pairs_of", "row", "table"]
+__all__ = ["pairs_of", "row", "springs_row", "table"]
 
 
 def pairs_of(robot: Robot) -> tuple[ModalLaw, SampledPairs]:
@@ -70,6 +82,27 @@ def row(robot: Robot) -> dict[str, Any]:
     }
 
 
+def springs_row(robot: Robot) -> dict[str, Any]:
+    """Errors of the stiffness alone, as shares: tolerated by a grid, and found to destabilise; and the file's masses at
+    every pose."""
+    law, pairs = pairs_of(robot)
+    begun = time.process_time()
+    tolerance = popov_tolerance(pairs, Errors(EXACT, Sector(1.0, 1.0)), REPORTED)
+    found = smallest_unstable(pairs, len(robot.joint_names) > 1, of_springs=True)
+    searched = time.process_time()
+    setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
+    everywhere_found = everywhere(setup, Sector(0.9, 9.0), pairs.gains.ends)
+    return {
+        "grid": tolerance.errors.springs.lower,
+        "found": found.size,
+        "rates": np.sqrt(found.links).tolist(),
+        "radius": found.radius,
+        "everywhere": None if everywhere_found is None else everywhere_found.checked._asdict(),
+        "search": searched - begun,
+        "check": time.process_time() - searched,
+    }
+
+
 def table(folder: Path) -> str:
     """The errors of each robot."""
     heads = (
@@ -79,6 +112,7 @@ def table(folder: Path) -> str:
         "found, with the pole",
         "proved / found",
         "the file needs",
+        "springs: grid, found",
         "CPU",
     )
     lines = [f"| robot | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
@@ -88,13 +122,21 @@ def table(folder: Path) -> str:
             at = " and ".join(f"{rate:.0f}" for rate in one["rates"])
             needs = ", ".join(f"{sign}{100 * size:.1f}" for sign, size in zip("−+", one["stated"]))
             where = f"{one['poses']} sampled poses" if one["poses"] else "by the form of M"
+            springs = "not measured"
+            if (other := kept(folder, f"{robot}.springs")) is not None:
+                springs = f"{100 * other['grid']:.0f} %, {100 * other['found']:.0f} %"
+                if (arm := other["everywhere"]) is not None:
+                    needs = ", ".join(
+                        f"{sign}{at_most(100.0 * arm[end], 3)}" for sign, end in zip("−+", ("lower", "upper"))
+                    )
+                    where = "every pose" if arm["low"] is None else "every pose, all vibrations"
             lines.append(
                 f"| {robot} | {100 * one['small_gain']:.2g} % | {100 * one['grid']:.0f} % | {100 * proved:.0f} % | "
                 f"{100 * one['found']:.0f} % at {at} rad/s, {one['radius']:.6f} | {proved / one['found']:.2f} | "
-                f"{needs} % ({where}) | {one['search']:.0f} s, check {one['check']:.0f} s |"
+                f"{needs} % ({where}) | {springs} | {one['search']:.0f} s, check {one['check']:.0f} s |"
             )
     return "\n".join(lines)
 
 
 if __name__ == "__main__":
-    sys.exit(make_missing("masses", row))
+    sys.exit(make_missing("masses", row) or make_missing("springs", springs_row))

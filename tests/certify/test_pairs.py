@@ -141,6 +141,13 @@ def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs
         radius = mixed_radius(pairs, links, masses, springs)
         assert radius < 1.0
         assert pairs.radius(links.tolist(), masses, springs) == pytest.approx(radius, abs=1e-7)
+    soft = smallest_unstable(pairs, mixed=False, count=20, of_springs=True)
+    assert soft.size > sprung[1]["softer"]
+    for factor in (0.99, 1.01):
+        radius = mixed_radius(
+            pairs, np.array(soft.links), np.zeros((1, 1)), np.array([[factor * soft.error]])
+        )
+        assert (radius > 1.0) == (factor > 1.0)
     size = found[1]["lower"]
     unstable = smallest_unstable(pairs, mixed=False, count=20)
     (link,) = unstable.links

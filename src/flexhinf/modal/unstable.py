@@ -1,4 +1,4 @@
-"""Search for the smallest symmetric error of the inverse inertia matrix that destabilises a loop of pairs.
+"""Search for the smallest symmetric error of the inverse inertia or the stiffness that destabilises a loop of pairs.
 
 It looks from the other side at what `popov` tolerates: what it finds is unstable, by the eigenvalues of the sampled
 loop, and no proof can reach it.
@@ -19,7 +19,7 @@ import numpy as np
 from flexhinf.arrays import Vector
 from flexhinf.modal.popov import SampledPairs
 
-#: Largest error that is tried: links of a quarter of their mass.
+#: Largest error that is tried: links of a quarter of their mass, springs four times as stiff.
 LIGHTEST = 3.0
 
 #: λ and turns of a grid for two pairs, the places from which the search climbs, and bisections; its steps.
@@ -28,11 +28,10 @@ CLIMB = {"maxiter": 150, "xatol": 1e-4, "fatol": 1e-7}
 
 
 class UnstableError(NamedTuple):
-    """A symmetric error of the inverse inertia with which pairs are unstable."""
+    """A symmetric error, Δ of the inverse inertia or E of the stiffness, with which pairs are unstable."""
 
-    error: (
-        float  # ‖Δ‖, a share; infinite where none is found; of one pair negative where its link is too heavy
-    )
+    # ‖Δ‖, a share; infinite where none is found; of one pair negative where its link is too heavy, its spring too soft
+    error: float
     links: tuple[float, ...]  # λ of the pairs, 1/s²
     turn: float  # φ of two pairs, rad: Δ = ‖Δ‖ [cos 2φ, sin 2φ; sin 2φ, −cos 2φ]
     radius: float  # the largest modulus of the loop's poles in the z plane
@@ -43,8 +42,11 @@ class UnstableError(NamedTuple):
         return abs(self.error)
 
 
-def smallest_unstable(pairs: SampledPairs, mixed: bool = True, count: int = 60) -> UnstableError:
-    """The smallest symmetric error that is found to destabilise one pair, or two that it mixes.
+def smallest_unstable(
+    pairs: SampledPairs, mixed: bool = True, count: int = 60, of_springs: bool = False
+) -> UnstableError:
+    """The smallest symmetric error that is found to destabilise one pair, or two that it mixes: of the inverse inertia,
+    or of the stiffness.
 
     Of one pair at `count` λ: errors of either sign grow in steps up to −1 and `LIGHTEST`. Of two pairs the eigenvalues
     of Δ are ±‖Δ‖: the radius is climbed by Nelder and Mead's method from the worst places of a grid.
@@ -54,7 +56,7 @@ def smallest_unstable(pairs: SampledPairs, mixed: bool = True, count: int = 60) 
         for sign, most in ((-1.0, 1.0), (1.0, LIGHTEST)):
 
             def radius(size: float, link: float = link, sign: float = sign) -> float:
-                return pairs.radius([link], np.array([[sign * size]]))
+                return _radius(pairs, [link], np.array([[sign * size]]), of_springs)
 
             low = 0.0
             for high in np.linspace(0.0, min(most, best.size), 25)[1:].tolist():
@@ -63,10 +65,14 @@ def smallest_unstable(pairs: SampledPairs, mixed: bool = True, count: int = 60) 
                     best = UnstableError(sign * size, (link,), 0.0, radius(size))
                     break
                 low = high
-    return _mixed(pairs, best) if mixed else best
+    return _mixed(pairs, best, of_springs) if mixed else best
 
 
-def _mixed(pairs: SampledPairs, best: UnstableError) -> UnstableError:
+def _radius(pairs: SampledPairs, links: list[float], error: np.ndarray, of_springs: bool) -> float:
+    return pairs.radius(links, 0.0 * error, error) if of_springs else pairs.radius(links, error)
+
+
+def _mixed(pairs: SampledPairs, best: UnstableError, of_springs: bool) -> UnstableError:
     """The smallest error of two pairs, if it is smaller than the best so far."""
     from scipy.optimize import minimize
 
@@ -82,7 +88,8 @@ def _mixed(pairs: SampledPairs, best: UnstableError) -> UnstableError:
 
     def radius(place: Vector, size: float) -> float:
         cosine, sine = np.cos(2.0 * place[2]), np.sin(2.0 * place[2])
-        return pairs.radius(links(place), size * np.array([[cosine, sine], [sine, -cosine]]))
+        error = size * np.array([[cosine, sine], [sine, -cosine]])
+        return _radius(pairs, links(place), error, of_springs)
 
     while True:
         size = 0.99 * min(best.size, 1.0)

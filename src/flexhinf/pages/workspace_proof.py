@@ -15,6 +15,7 @@ from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
 from flexhinf.modal.popov import EXACT, NONE, Errors, PopovTolerance, Sector
+from flexhinf.modal.unstable import UnstableError
 from flexhinf.numerals import at_least, at_most, number
 from flexhinf.pages.drawing import count_text
 from flexhinf.pages.page import design_statuses
@@ -135,13 +136,17 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     arm = proof.everywhere and proof.everywhere.checked
     whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
     if arm and arm.low is not None:
-        whole = f"; it does so at every pose within the joint ranges, shown in {arm.boxes} boxes"
+        whole = f"; it does so at every pose of the workspace, shown in {arm.boxes} boxes of poses"
     masses, (softer, stiffer) = proof.errors
     errors = (
         "the model's own masses"
         if checked is None
         else f"an inertia matrix of the links, at that pose, of {masses_text(masses)}, as a matrix inequality"
-        + ("; all bodies of the file's tolerances have one, at every pose" if arm else "")
+        + (
+            "; all bodies of the file's tolerances have one at every pose, with joints where the model has them"
+            if arm
+            else ""
+        )
     )
     springs = (
         f"springs of {_ends_text(1.0 - softer, 1.0 + stiffer, False)} times the model's stiffness"
@@ -232,17 +237,26 @@ def others_text(proof: WorkspaceProof) -> str:
 
 
 def _unstable_text(proof: WorkspaceProof) -> str:
-    """The smallest error that is found to destabilise."""
-    found = proof.unstable
+    """The smallest errors of masses and of springs that are found to destabilise."""
+    found, springs = proof.unstable, proof.unstable_springs
     if not found.links:
-        return "From the other side: no error of one vibration was found that destabilises."
+        text = "From the other side: no error of one vibration was found that destabilises."
+    else:
+        text = f"From the other side: {_unstable_at(found, 'inverse inertia')}, with springs as the model's."
+        if proof.checked is not None:
+            text += f" Proved are {at_least(100.0 * max(proof.errors.masses), 3)} %."
+    if springs is None or not springs.links:
+        return text
+    return f"{text} Or {_unstable_at(springs, 'stiffness')}, with masses as the model's."
+
+
+def _unstable_at(found: UnstableError, what: str) -> str:
+    """Which error destabilises, and how far."""
     at = " and ".join(number(np.sqrt(link), 3) for link in found.links)
     whose = "one vibration" if len(found.links) == 1 else "two vibrations"
     return (
-        f"From the other side: a symmetric error of {number(100.0 * found.size, 3)} % of the inverse inertia of "
-        f"{whose}, of {at} rad/s, destabilises (largest modulus of a pole {found.radius:.6f}), with springs as the "
-        "model's."
-        + (f" Proved are {number(100.0 * max(proof.errors.masses), 3)} %." if proof.checked else "")
+        f"a symmetric error of {number(100.0 * found.size, 3)} % of the {what} of {whose}, of {at} rad/s, destabilises "
+        f"(largest modulus of a pole {found.radius:.6f})"
     )
 
 
@@ -385,6 +399,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
             "multipliers": finite(proof.tolerance.multipliers._asdict()),
         },
         "unstable": finite(proof.unstable._asdict()),
+        "unstable_springs": proof.unstable_springs and finite(proof.unstable_springs._asdict()),
         "stable": finite(proof.stable._asdict()),
         "latency": proof.setup.specification.known_latency,
         "estimator": modal_filter(proof.setup) is not None,

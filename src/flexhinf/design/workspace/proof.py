@@ -79,6 +79,9 @@ class WorkspaceProof(NamedTuple):
     unstable: UnstableError  # the smallest error that is found to destabilise
     stable: ProvedRange  # pairs that are proved to be stable without errors
     largest: LargestMasses | None = None  # for which the proof would still hold; None without proved errors
+    unstable_springs: UnstableError | None = (
+        None  # the same of the stiffness; None where the file has it exact
+    )
     everywhere: Everywhere | None = None  # what is shown at every pose; None where poses are sampled
 
     @property
@@ -168,10 +171,13 @@ def with_others(
 ) -> WorkspaceProof:
     """The proof with what stands beside the errors that were found; parameters as of `prove_workspace`."""
     progress("smallest error that destabilises")
-    unstable = smallest_unstable(sampled_pairs(setup), mixed=len(setup.joints) > 1)
+    pairs, several, springs = sampled_pairs(setup), len(setup.joints) > 1, found.stated.errors.springs
+    unstable = smallest_unstable(pairs, mixed=several)
     proof = WorkspaceProof(
         setup, found.stated, found.tolerance, found.numbers, found.checked, unstable, proved_stability(setup)
     )
+    if springs != EXACT:
+        proof = proof._replace(unstable_springs=smallest_unstable(pairs, several, of_springs=True))
     if proof.checked is None:
         return proof
     masses = proof.errors.masses
