@@ -33,6 +33,9 @@ COMPARED, NEAR = 20, 1e-9
 #: A share by which errors of bodies are stated larger than they are found; t for a centre of mass without a tolerance.
 ROOM, EXACT = 1e-6, 1e-9
 
+#: Sampled errors with a payload are tried so many times larger.
+WIDER = 1.05
+
 Numbers = dict[str, Any]
 
 
@@ -43,22 +46,31 @@ class Everywhere(NamedTuple):
     checked: CheckedArm
 
 
-def everywhere(setup: WorkspaceSetup, proved: Sector, ends: tuple[float, float]) -> Everywhere | None:
+def everywhere(
+    setup: WorkspaceSetup, proved: Sector, ends: tuple[float, float], sampled: Sector | None = None
+) -> Everywhere | None:
     """That all robots of the tolerances are within a proved sector at every pose, and their λ between proved ends where
-    that can be shown; None where the robots are not bodies with intervals, or have larger errors."""
+    that can be shown; None where the robots are not bodies with intervals, or have larger errors.
+
+    Of robots with a payload a sector that is little wider than the `sampled` one is tried first.
+    """
     arm = _arm(setup)
     if arm is None:
         return None
     sectors = [_body_sector(body) for body in arm["bodies"]]
-    lower, upper = (float(np.max(part)) for part in zip(*((s.lower, s.upper) for s in sectors)))
-    loaded = bool(arm["payloads"])
-    arm |= {"bodies_lower": lower, "bodies_upper": upper}
-    arm |= {"lower": proved.lower, "upper": proved.upper} if loaded else {"lower": lower, "upper": upper}
-    if not (lower <= proved.lower and upper <= proved.upper):
+    bodies = Sector(*(max(part) for part in zip(*sectors)))
+    if not (bodies.lower <= proved.lower and bodies.upper <= proved.upper):
         return None
+    arm |= {"bodies_lower": bodies.lower, "bodies_upper": bodies.upper}
+    wholes = [bodies]
+    if arm["payloads"]:
+        wholes = [proved]
+        if sampled is not None:
+            near = (max(own, WIDER * part) for own, part in zip(bodies, sampled))
+            wholes.insert(0, Sector(*map(min, proved, near)))
     few = len(arm["joints"]) <= JOINTS_IN_BOXES
-    for range in ([float(end) for end in ends], None) if few else (None,):
-        numbers = {**arm, "range": range}
+    for stated, whole in product(([*map(float, ends)], None) if few else (None,), wholes):
+        numbers = {**arm, "lower": whole.lower, "upper": whole.upper, "range": stated}
         if isinstance(checked := check_arm(arm_claim(numbers)), CheckedArm):
             return Everywhere(numbers, checked)
     return None

@@ -183,7 +183,9 @@ def with_others(
     masses = proof.errors.masses
     return proof._replace(
         largest=largest_masses(setup, masses, loaded or setup.true.robot),
-        everywhere=everywhere(setup, masses, (proof.checked.low, proof.checked.high)),
+        everywhere=everywhere(
+            setup, masses, (proof.checked.low, proof.checked.high), found.stated.errors.masses
+        ),
     )
 
 
