@@ -299,7 +299,7 @@ def _proof_table(proof: WorkspaceProof) -> Table:
     if proof.everywhere is not None:
         arm = proof.everywhere.checked
         where, file_errors = (
-            "at every pose, body by body",
+            "at every pose",
             file_errors._replace(masses=Sector(arm.lower, arm.upper)),
         )
     rows.append(("the file's masses, payloads and springs", errors_text(file_errors, True), where))
