@@ -100,7 +100,7 @@ def test_search_and_checker_compute_the_same_game(pairs, latency, watched, sprin
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def mixed_radius(pairs, links, error, springs=0.0):
+def mixed_radius(pairs, links, error, springs: Any = 0.0):
     """Spectral radius of pairs λ (n,) with symmetric errors Δ (n, n) of their inverse inertia, and E (n, n) of their
     stiffness, by SciPy: the law predicts with what the pairs should be."""
     gains, n, h = pairs.gains, len(links), PERIOD
