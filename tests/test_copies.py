@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexhinf.copies import cpu_seconds, shared_out
+from flexhinf.copies import beside, cpu_seconds, shared_out
 from flexhinf.processors import limited_threads
 
 pytestmark = pytest.mark.skipif(
@@ -108,3 +108,42 @@ def test_the_time_of_copies_counts():
     os.close(inlet)
     os.close(outlet)
     assert cpu_seconds() - before - (time.process_time() - own) >= 0.02
+
+
+def test_a_copy_works_beside_this_process_which_has_its_processor_afterwards():
+    def waited(k: int) -> int:
+        time.sleep(0.02)
+        return os.getpid()
+
+    def late() -> tuple[int, np.ndarray]:
+        time.sleep(0.2)
+        return answered(3)
+
+    before = open_files()
+    with limited_threads(2), beside(late) as result:
+        by = shared_out(waited, range(60), compiles=False)
+        (process, numbers), again = result(), result()
+    assert {*by[:5]} == {OWN}
+    assert len({*by}) == 2
+    assert process not in by
+    np.testing.assert_array_equal(numbers, answered(3)[1])
+    assert again[0] == process
+    with limited_threads(1), beside(late) as result:
+        assert result()[0] == OWN
+    assert open_files() == before
+    assert no_child_is_left()
+
+
+def test_a_copy_beside_ends_with_its_context_and_its_error_is_raised_here():
+    def failing() -> int:
+        raise ValueError(os.getpid())
+
+    began, before = time.monotonic(), open_files()
+    with limited_threads(2):
+        with beside(lambda: time.sleep(60.0)):
+            pass
+        with beside(failing) as result, pytest.raises(ValueError, match=str(OWN)):
+            result()
+    assert time.monotonic() - began < 30.0
+    assert open_files() == before
+    assert no_child_is_left()

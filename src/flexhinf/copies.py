@@ -15,8 +15,8 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import NoReturn, TypeVar
 
 from flexhinf.processors import set_threads, thread_count
@@ -33,6 +33,12 @@ _PATIENCE, _LONGER = 20.0, 20.0
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 _copies_seconds = [0.0]
+
+#: Copies that live: the threads that receive what they send, and the pipes from which these read.
+_living: dict[int, tuple[threading.Thread, int]] = {}
+
+#: Of these, the ones whose work nobody waits for yet.
+_beside: set[int] = set()
 
 
 def cpu_seconds() -> float:
@@ -60,55 +66,111 @@ def shared_out(
 
     if items and compiles:
         compute(0)
-    copies = min(thread_count(), len(items) - len(results)) - 1
-    own = sys.platform == "linux" and threading.current_thread() is threading.main_thread()
-    if copies > 0 and own:
-        _with_copies(function, items, copies, begun, results)
+    if min(thread_count(), len(items) - len(results)) > 1 and _can_copy():
+        _with_copies(function, items, begun, results)
     for k in range(len(items)):
         if k not in results:
             compute(k)
     return [results[k] for k in range(len(items))]
 
 
+@contextmanager
+def beside(function: Callable[[], Result]) -> Generator[Callable[[], Result]]:
+    """A function that gives the result of another one, which a copy computes while this process goes on.
+
+    Meanwhile `shared_out` has one process less. Where there is no copy, the result is computed when it is asked for.
+    """
+    results: dict[int, Result] = {}
+
+    def result() -> Result:
+        if process in _living:
+            _living[process][0].join()
+        if 0 not in results:
+            results[0] = function()
+        return results[0]
+
+    process = 0
+    try:
+        if thread_count() > 1 and _can_copy():
+            queue = _queue(1)
+            try:
+                process = _begin_copy(lambda _: function(), [None], [range(1)], queue, results)
+            finally:
+                os.close(queue)
+            _beside.add(process)
+        yield result
+    finally:
+        _beside.discard(process)
+        if process in _living:
+            _end(process)
+
+
+def _can_copy() -> bool:
+    return sys.platform == "linux" and threading.current_thread() is threading.main_thread()
+
+
+def _queue(entries: int) -> int:
+    """The end to read of a pipe that holds so many numbers, from 0 on, and then ends."""
+    queue, entrance = os.pipe()
+    os.write(entrance, b"".join(k.to_bytes(2, "little") for k in range(entries)))
+    os.close(entrance)
+    return queue
+
+
+def _begin_copy(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    blocks: Sequence[range],
+    queue: int,
+    results: dict[int, Result],
+) -> int:
+    """Begin a copy that does items of a queue, whose results are added as they come; 0 where there is no memory for
+    it, or a process too many."""
+    out, into = os.pipe()
+    try:
+        process = _copied()
+    except OSError:
+        os.close(out)
+        os.close(into)
+        return 0
+    if not process:
+        _be_a_copy(function, items, blocks, queue, into, [out, *(each for _, each in _living.values())])
+    os.close(into)
+    _living[process] = threading.Thread(target=_receive, args=(out, results), daemon=True), out
+    _living[process][0].start()
+    return process
+
+
 def _with_copies(
     function: Callable[[Item], Result],
     items: Sequence[Item],
-    copies: int,
     begun: Callable[[], None],
     results: dict[int, Result],
 ) -> None:
     """Add results of the items that have none; those are left out of which a process failed, and those after them."""
     step = -(-len(items) // _ENTRIES)
     blocks = [range(k, min(k + step, len(items))) for k in range(len(results), len(items), step)]
-    queue, entrance = os.pipe()
-    os.write(entrance, b"".join(k.to_bytes(2, "little") for k in range(len(blocks))))
-    os.close(entrance)
-    receivers: dict[int, tuple[threading.Thread, int]] = {}
-    try:
-        for _ in range(copies):
-            out, into = os.pipe()
-            try:
-                process = _copied()
-            except OSError:  # no memory, or no more processes
-                os.close(out)
-                os.close(into)
-                break
+    queue, own = _queue(len(blocks)), list[int]()
+
+    def join(left: int) -> None:
+        """Begin copies for so many blocks: as many as there are threads that nothing else has, or has any more."""
+        busy = sum(_living[process][0].is_alive() for process in _beside)
+        while len(own) < min(thread_count() - busy - 1, left):
+            process = _begin_copy(function, items, blocks, queue, results)
             if not process:
-                _be_a_copy(
-                    function, items, blocks, queue, into, [out, *(each for _, each in receivers.values())]
-                )
-            os.close(into)
-            receivers[process] = threading.Thread(target=_receive, args=(out, results), daemon=True), out
-        for thread, _ in receivers.values():
-            thread.start()
-        longest = _do_own(function, items, blocks, queue, begun, results)
+                break
+            own.append(process)
+
+    try:
+        join(len(blocks) - 1)
+        longest = _do_own(function, items, blocks, queue, begun, results, join)
         end = time.monotonic() + max(_PATIENCE, _LONGER * longest)
-        for thread, _ in receivers.values():
-            thread.join(max(0.0, end - time.monotonic()))
+        for process in own:
+            _living[process][0].join(max(0.0, end - time.monotonic()))
     finally:
         os.close(queue)
-        for process, (thread, out) in receivers.items():
-            _end(process, thread, out)
+        for process in own:
+            _end(process)
 
 
 def _do_own(
@@ -118,13 +180,15 @@ def _do_own(
     queue: int,
     begun: Callable[[], None],
     results: dict[int, Result],
+    join: Callable[[int], None],
 ) -> float:
     """Do items of the queue here until it is empty, or one fails; returns the longest time of one, s."""
     longest, failed = 0.0, False
-    for block in _taken(queue, blocks):
-        for k in block:
+    for entry in _taken(queue):
+        for k in blocks[entry]:
             if failed:  # the queue is emptied
                 continue
+            join(len(blocks) - 1 - entry)
             begun()
             start = time.monotonic()
             try:
@@ -135,9 +199,9 @@ def _do_own(
     return longest
 
 
-def _taken(queue: int, blocks: Sequence[range]) -> Iterator[range]:
+def _taken(queue: int) -> Iterator[int]:
     while entry := os.read(queue, 2):
-        yield blocks[int.from_bytes(entry, "little")]
+        yield int.from_bytes(entry, "little")
 
 
 def _copied() -> int:
@@ -174,8 +238,8 @@ def _be_a_copy(
         for other in others:  # if the parent is killed, nobody reads any more
             os.close(other)
         with open(into, "wb") as out:
-            for block in _taken(queue, blocks):
-                for k in block:
+            for entry in _taken(queue):
+                for k in blocks[entry]:
                     pickle.dump((k, function(items[k])), out, pickle.HIGHEST_PROTOCOL)
                 out.flush()
     except BaseException:  # the parent does what is missing, and raises what it raises
@@ -185,21 +249,23 @@ def _be_a_copy(
 
 
 def _receive(out: int, results: dict[int, Result]) -> None:
-    with open(out, "rb") as file, suppress(Exception):  # the end, or that of a copy that was killed
+    with (
+        open(out, "rb", closefd=False) as file,
+        suppress(Exception),
+    ):  # the end, or that of a copy that was killed
         while True:
             k, result = pickle.load(file)
             results[k] = result
 
 
-def _end(process: int, thread: threading.Thread, out: int) -> None:
+def _end(process: int) -> None:
     """End a copy if it lives, which its open pipe says, and count its CPU time."""
-    begun = thread.ident is not None
+    thread, out = _living[process]
     with suppress(ProcessLookupError, ChildProcessError):
-        if thread.is_alive() or not begun:
+        if thread.is_alive():
             os.kill(process, signal.SIGKILL)
         usage = os.wait4(process, 0)[2]
         _copies_seconds[0] += usage.ru_utime + usage.ru_stime
-    if begun:
-        thread.join()
-    else:
-        os.close(out)
+    thread.join()
+    os.close(out)
+    del _living[process]

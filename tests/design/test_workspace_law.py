@@ -435,4 +435,4 @@ def test_bandwidths_that_the_samples_do_not_carry_are_left_out():
     robot = fh.load_robot("planar-two-link")
     s = checked_specification(robot, fh.Specification(measured=BOTH, workspace="limits", period=0.04))
     candidates = search._candidates(robot, s, workspace_of(robot, "limits"), lambda text: None)
-    assert next(candidates).law.gains.weights.bandwidth == 20.0
+    assert next(candidates)[0].law.gains.weights.bandwidth == 20.0

@@ -212,7 +212,7 @@ def loop_of(robot: Robot, s: Specification, progress: Progress = silent) -> Desi
 
 def workspace_evidence(robot: Robot, s: Specification, progress: Progress) -> WorkspaceEvidence:
     """A controller for a workspace, what it was judged by, and what it tolerates beyond that."""
-    evidence = design_workspace(robot, s, progress)
+    evidence = design_workspace(robot, s, progress, stability=True)
     progress(f"{TOLERATED}: margins, and a proof")
     evidence.look_beyond()
     return evidence

@@ -158,12 +158,12 @@ def _exponential(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
             for row in range(n)
         ]
     )
-    unit = arb_mat(np.eye(len(matrix) * ctx.cap).tolist())
+    unit = arb_mat(np.eye(n, n * ctx.cap).tolist())  # the first rows hold all coefficients
     norm = _size(power.entries())
     remainder = float((norm**POWERS * norm.exp() / arb(POWERS).gamma()).abs_upper())
     values = unit
     for k in range(POWERS - 1, 0, -1):
-        values = unit + power * values / k
+        values = unit + values * power / k
     table = values.tolist()
     return (
         _array(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexhinf.copies import shared_out
 from flexhinf.design.advice import Advice
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
 from flexhinf.design.specification import FIELDS
@@ -98,7 +99,12 @@ def workspace_page(
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, design.robustness
     with house_style():
-        lead = workspace_lead(design)
+        pictures: list[Callable[[WorkspaceEvidence], list[Figure]]] = [
+            workspace_lead,
+            lambda design: [_move_figure(design)],
+            lambda design: [_pose_figure(design)],
+        ]
+        lead, (move_figure,), (pose_figure,) = shared_out(lambda draw: draw(design), pictures, compiles=False)
         sections = (
             Section(
                 "Requirements",
@@ -113,7 +119,7 @@ def workspace_page(
             Section(
                 f"Loops at {len(loops)} poses",
                 (
-                    _pose_figure(design),
+                    pose_figure,
                     _pose_table(design),
                     Paragraph(
                         f"{damping_text(robot)} {undamped_text(design)} The feedforward, the law and its estimator "
@@ -126,7 +132,7 @@ def workspace_page(
             Section(
                 f"{count_text(len(design.moves), 'move')} between random goals",
                 (
-                    _move_figure(design),
+                    move_figure,
                     _move_table(design),
                     _joint_table(design),
                     _goals(design, tolerated),

@@ -8,9 +8,10 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
-from flexhinf.copies import shared_out
+from flexhinf.copies import beside, shared_out
 from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import joint_limits
@@ -28,7 +29,7 @@ from flexhinf.design.workspace.judgement import (
 )
 from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.preset import proved_requirement, selected_law
-from flexhinf.design.workspace.proof import WorkspaceProof
+from flexhinf.design.workspace.proof import WorkspaceProof, proved_stability
 from flexhinf.design.workspace.samples import (
     FURTHER,
     GOALS,
@@ -41,6 +42,7 @@ from flexhinf.design.workspace.samples import (
 from flexhinf.design.workspace.search import BANDWIDTHS
 from flexhinf.design.workspace.setup import CornerLoop, MoveArguments, WorkspaceSetup
 from flexhinf.errors import refuse_if
+from flexhinf.modal import ProvedRange
 from flexhinf.robot import Robot, kinematics
 from flexhinf.robot.parameters import PlantValues, per_joint
 from flexhinf.robot.signals import SENSORS, expanded, signal_names
@@ -64,6 +66,7 @@ def design_workspace(
     watch: Watch = lambda lines: None,
     like: WorkspaceEvidence | None = None,
     changed: Collection[str] = (),
+    stability: bool = False,
 ) -> WorkspaceEvidence:
     """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
 
@@ -81,6 +84,8 @@ def design_workspace(
     like, changed : WorkspaceEvidence and names of fields, optional
         A design of the same robot whose specification differs in these fields alone. Loops and moves that the search
         finds again are taken from it.
+    stability : bool
+        Whether the pairs are found that are proved to be stable, which takes long, while the law is judged.
 
     Raises
     ------
@@ -92,7 +97,8 @@ def design_workspace(
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
     setup, proof = selected_law(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
-    return judged_design(setup, progress, watch, like, changed, proof=proof)
+    with beside(lambda: proved_stability(setup)) if stability else nullcontext() as stable:
+        return judged_design(setup, progress, watch, like, changed, proof=proof, stable=stable)
 
 
 def judged_design(
@@ -103,11 +109,12 @@ def judged_design(
     changed: Collection[str] = (),
     undamped: bool = True,
     proof: WorkspaceProof | None = None,
+    stable: Callable[[], ProvedRange] | None = None,
 ) -> WorkspaceEvidence:
     """Judge a law at poses and in moves that no search uses; parameters as of `design_workspace`.
 
     `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing. `proof`: of the
-    preset.
+    preset. `stable`: gives the pairs that are proved to be stable, where these are wanted.
     """
     s = setup.specification
     lines = [] if proof is None else [proved_requirement(proof)]
@@ -118,7 +125,9 @@ def judged_design(
     def at_corners(
         robots: Sequence[PlantValues | None], damped: bool, begun: Callable[[], None] = lambda: None
     ) -> tuple[CornerLoop, ...]:
-        return tuple(shared_out(lambda one: setup.at_corner(*one, damped), [*zip(poses, robots)], begun))
+        return tuple(
+            shared_out(lambda one: setup.at_corner(*one, damped), [*zip((*poses, *poses), robots)], begun)
+        )
 
     known, ran = (None, None) if like is None else _reused(like, setup, changed)
     progress(f"loops at {POSES} poses")
@@ -141,7 +150,8 @@ def judged_design(
     if known:
         bare = known.undamped
     elif undamped:
-        bare = at_corners([None] * len(poses), False), at_corners(corners, False)
+        both = at_corners([*[None] * len(poses), *corners], False)
+        bare = both[: len(poses)], both[len(poses) :]
     progress(f"moves between {GOALS} goals")
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal: list[MoveArguments] = [(goals[k : k + 2], None, k) for k in range(GOALS)]
@@ -165,7 +175,18 @@ def judged_design(
         watch(lines)
         lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
     return WorkspaceEvidence(
-        setup, poses, loops, cornered, bare, moves, left_out, sampled, power_on, tuple(lines), proof
+        setup,
+        poses,
+        loops,
+        cornered,
+        bare,
+        moves,
+        left_out,
+        sampled,
+        power_on,
+        tuple(lines),
+        proof,
+        stable and stable(),
     )
 
 

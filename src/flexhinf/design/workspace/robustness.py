@@ -51,11 +51,16 @@ class Robustness(NamedTuple):
 
 
 def robustness(
-    setup: WorkspaceSetup, poses: np.ndarray, judged: Sequence[PoseLoop], undamped_loops: Sequence[CornerLoop]
+    setup: WorkspaceSetup,
+    poses: np.ndarray,
+    judged: Sequence[PoseLoop],
+    undamped_loops: Sequence[CornerLoop],
+    stable_pairs: ProvedRange | None = None,
 ) -> Robustness:
     """Margins at the worst of some poses (N, n), and what holds for every pair.
 
-    `judged` are the loops at these poses, `undamped_loops` those whose springs nothing damps.
+    `judged` are the loops at these poses, `undamped_loops` those whose springs nothing damps; `stable_pairs` those that
+    are proved to be stable, where they are known.
     """
     s, loops = setup.specification, [setup.linear(pose) for pose in poses]
 
@@ -82,7 +87,7 @@ def robustness(
     needs = setup.needs(poses, setup.robot.heaviest)
     at = np.array(setup.workspace.home)
     independent: list[Callable[[], Any]] = [  # about the longest first
-        lambda: proved_stability(setup),
+        lambda: stable_pairs or proved_stability(setup),
         undamped,
         lambda: margin("late", LATEST, loops),
         lambda: margin("louder", np.log(LOUDEST), loops),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,6 +27,7 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.plant import Penalty
+from flexhinf.processors import limited_threads
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import stated_friction
 from flexhinf.robot.workspace import Workspace
@@ -119,23 +121,24 @@ def fastest_setup(
     left, with all its estimators.
     """
     poses = ChosenPoses(robot, s, workspace, 2 if motors_alone(robot, s) else 4, tick)
-    chosen, least, faster = None, [np.inf], None
+    chosen: WorkspaceSetup | None = None
+    faster: WorkspaceSetup | None = None
+    least: list[float] | None = None
     damped: list[WorkspaceSetup] = []  # each nearer to the requirements than those before
-    left: PairWeights | None = None
-    for setup in _candidates(robot, poses.wanted, workspace, progress):
-        if setup.gains.weights == left:
-            continue
-        slower = chosen is not None and setup.gains.weights != chosen.gains.weights
-        if slower and not any(least[:3]):
+    for estimators in _candidates(robot, poses.wanted, workspace, progress):
+        if least is not None and not any(least[:3]):
             break
-        excess = poses.excess(setup, None if chosen is None else least)
-        if excess is not None and not is_tolerated(setup):
-            left = setup.gains.weights
-        elif excess is not None:
-            faster = chosen if slower and faster is None and not least[0] else faster
+        before = chosen
+        for setup, excess in zip(estimators, poses.excesses(estimators, least)):
+            if excess is None or (least is not None and excess.tolist() >= least):
+                continue
+            if not is_tolerated(setup):
+                break
+            if least is not None and chosen is before and faster is None and not least[0]:
+                faster = before
             chosen, least = setup, (LESS * excess).tolist()
             damped += [setup] * bool(0.0 < excess[0] < DAMPED)
-        if not any(least):
+        if least is not None and not any(least):
             break
     if chosen is None:
         return None
@@ -187,12 +190,41 @@ class ChosenPoses:
             delay_margin=None if delay is None else RESERVE * delay,
         )
         self._corner_damping, self._counted, self._tick = RESERVE * corner_damping(s), counted, tick
-        self._order = [(pose, corners[k::count]) for k, pose in enumerate(poses)]
+        self._chosen = [(pose, corners[k::count]) for k, pose in enumerate(poses)]
+        #: When a candidate failed at each pose; copies of this process share it.
+        self._failed = np.frombuffer(mmap.mmap(-1, 8 * count))
+
+    def excesses(
+        self, setups: Sequence[WorkspaceSetup], least: list[float] | None
+    ) -> list[np.ndarray | None]:
+        """The `excess` of each setup; None where it is no less than `least`, or not by `LESS` less than that of one
+        before it, or where one before it misses nothing."""
+        known = np.frombuffer(mmap.mmap(-1, 40 * len(setups))).reshape(
+            -1, 5
+        )  # which copies of this process share
+
+        def judged(k: int) -> np.ndarray | None:
+            limit, share = least, LESS
+            for is_known, *missed in known[:k].tolist():
+                if not is_known:  # by what it misses, others beyond it may not count
+                    share = 1.0
+                elif limit is None or missed < limit:
+                    limit = [share * one for one in missed]
+            if limit is not None and not any(limit):
+                return None
+            with limited_threads(1):
+                found = self.excess(setups[k], limit)
+            known[k, 1:] = np.inf if found is None else found
+            known[k, 0] = 1.0
+            return found
+
+        return shared_out(judged, range(len(setups)), self._tick, compiles=False)
 
     def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
         """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
         None as soon as that is no less than `least`."""
-        first, *others = self._order
+        order = np.argsort(-self._failed, kind="stable").tolist()
+        first, *others = (self._chosen[k] for k in order)
         failed = mmap.mmap(-1, 1)  # which copies of this process share
 
         def judged(one: Chosen) -> np.ndarray | Exception:
@@ -205,7 +237,7 @@ class ChosenPoses:
             failed[0] = least is not None and found.tolist() >= least
             return found
 
-        # A pose at which a candidate failed stands first, and is tried alone: the next one may fail there too.
+        # The pose at which a candidate failed last is tried first, and alone: the next one may fail there too.
         self._tick()
         found = [judged(first)]
         if not failed[0]:
@@ -214,7 +246,7 @@ class ChosenPoses:
         excess = np.max([np.zeros(4), *known.values()], axis=0)
         if least is not None and excess.tolist() >= least:
             failing = (k for k, each in known.items() if each[0] < np.inf and each.tolist() >= least)
-            self._order.insert(0, self._order.pop(next(failing, 0)))
+            self._failed[order[next(failing, 0)]] = time.monotonic()
             return None
         for each in found:
             if isinstance(each, Exception):
@@ -256,9 +288,9 @@ def missed(setup: WorkspaceSetup) -> float:
 
 def _candidates(
     robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None]
-) -> Iterator[WorkspaceSetup]:
-    """Laws and estimators in the order in which they are tried, the fastest law first; NumericalFailure where samples
-    of the period carry the law of no bandwidth."""
+) -> Iterator[list[WorkspaceSetup]]:
+    """The estimators of each law in the order in which they are tried, the fastest law first; NumericalFailure where
+    samples of the period carry the law of no bandwidth."""
     modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
@@ -274,8 +306,8 @@ def _candidates(
             except NumericalFailure as error:
                 unstable = error
                 continue
-            for random in tried[: 1 if stated else None]:
-                yield WorkspaceSetup(robot, s, workspace, law, random)
+            randoms = tried[: 1 if stated else None]
+            yield [WorkspaceSetup(robot, s, workspace, law, random) for random in randoms]
             found = True
     if unstable is not None and not found:
         raise unstable
