@@ -223,7 +223,7 @@ class ChosenPoses:
     def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
         """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
         None as soon as that is no less than `least`."""
-        order = np.argsort(-self._failed, kind="stable").tolist()
+        order: list[int] = np.argsort(-self._failed, kind="stable").tolist()
         first, *others = (self._chosen[k] for k in order)
         failed = mmap.mmap(-1, 1)  # which copies of this process share
 
