@@ -36,7 +36,8 @@ def read_columns(path: Path, names: Sequence[str] | None = None) -> Table:
 
     try:
         with access_to(path), parquet.ParquetFile(path) as file:
-            return file.read(columns=None if names is None else list(names))
+            # Arrow's own threads cost more than they save: a batch is small
+            return file.read(columns=None if names is None else list(names), use_threads=False)
     except (MemoryError, NotReadable):  # an exception of Arrow is one of MemoryError too
         raise
     except (OSError, ValueError, KeyError, ArrowException) as error:
