@@ -297,13 +297,15 @@ def test_where_nothing_is_met_a_law_that_goes_astray_in_moves_gives_way_to_a_dam
         specification: fh.Specification | None = None
 
     tried = [Tried(SimpleNamespace(weights=SimpleNamespace(bandwidth=each))) for each in found]
-    excesses = SimpleNamespace(
+    poses = SimpleNamespace(
         wanted=None,
-        excess=lambda one, least: np.array([found[one.gains.weights.bandwidth][0], 9.0, 0.0, 1.0]),
+        excesses=lambda some, least: [
+            np.array([found[one.gains.weights.bandwidth][0], 9.0, 0.0, 1.0]) for one in some
+        ],
     )
-    monkeypatch.setattr(search, "ChosenPoses", lambda *arguments: excesses)
+    monkeypatch.setattr(search, "ChosenPoses", lambda *arguments: poses)
     monkeypatch.setattr(search, "motors_alone", lambda *arguments: False)
-    monkeypatch.setattr(search, "_candidates", lambda *arguments: iter(tried))
+    monkeypatch.setattr(search, "_candidates", lambda *arguments: iter([[one] for one in tried]))
     monkeypatch.setattr(search, "missed", lambda one: found[one.gains.weights.bandwidth][1])
     robot = fh.load_robot("scara")
     chosen = tuned_setup(robot, fh.Specification(), workspace_of(robot, "limits"))

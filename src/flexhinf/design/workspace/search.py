@@ -140,7 +140,7 @@ def fastest_setup(
             damped += [setup] * bool(0.0 < excess[0] < DAMPED)
         if least is not None and not any(least):
             break
-    if chosen is None:
+    if chosen is None or least is None:
         return None
     chosen = replace(chosen, specification=s)
     if least[0] and len(damped) > 1:
