@@ -138,6 +138,10 @@ bench-workspace: environment-dev
 bench-compared: environment-dev
 	$(PY) -m benchmarks.compared
 
+# Designs of a commit (COMMIT=…) beside those of the present tree, number by number; ten minutes.
+bench-frozen: environment-dev
+	$(PY) -m benchmarks.frozen $(COMMIT)
+
 # Designs of the arms of docs/limits.md, then the rows that are missing, in an hour or two with every one missing;
 # FILES=folder has the robot files of others.
 bench-limits: environment-dev

@@ -478,6 +478,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "followed": ("docs/architecture.md", followed),
     "size": ("docs/architecture.md", size),
     "counts": ("docs/architecture.md", counts),
+    "frozen": ("docs/architecture.md", benchmark("benchmarks.frozen", "--table")),
     "arm": ("docs/hardware.md", arm),
     "trajectories": ("docs/ros2.md", trajectories),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
