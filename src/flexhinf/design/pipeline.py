@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis import modes
 from flexhinf.design import certification, checks, judgement, plans, responses, tuning
@@ -132,7 +132,7 @@ class Comparison(Reported):
         """The row of a law, by name."""
         return next(row for row in self.rows if row.name == name)
 
-    def units(self) -> dict[str, Any]:
+    def units(self) -> dict[str, str]:
         """Units of inputs, positions and torques, for joints that turn, slide or both."""
         slides = tuple(bool(slide) for slide in self.robot.links.slides)
         kinds = {"position": ("rad", "m"), "torque": ("N·m", "N")}
@@ -487,7 +487,7 @@ def compare(
     progress: Progress | None = None,
     same_sensors: bool = False,
     candidates: Sequence[int | str] | None = None,
-    gains: Mapping[str, Mapping[str, Any]] | None = None,
+    gains: Mapping[str, Mapping[str, ArrayLike]] | None = None,
 ) -> Comparison | over.WorkspaceComparison:
     """Compare laws on one robot, each tuned by one rule and judged in the same runs; nothing is written.
 

@@ -174,7 +174,9 @@ def _spares(robot: Robot, limits: JointLimits, plan: Waypoints) -> bool:
     return bool(np.all(whole <= weight + EFFORT_FRACTION * np.maximum(limits.effort - weight, 0.0)))
 
 
-def drive_torques(robot: Robot, motion: Sequence[Any], values: Mapping[str, Any] | None = None) -> np.ndarray:
+def drive_torques(
+    robot: Robot, motion: Sequence[Any] | np.ndarray, values: Mapping[str, Any] | None = None
+) -> np.ndarray:
     """Torques (N, n) of motors with an inner loop along a motion of the links, one to five arrays (N, n), of a robot
     with the parameters `values`."""
     x, u = robot.inverse_dynamics(*motion, parameters=values)
@@ -210,7 +212,7 @@ def _drives_spare(robot: Robot, plan: Plan) -> bool:
 
 def plan_commands(robot: Robot, plan: Plan, period: float) -> np.ndarray:
     """Commands (N, n) of the feedforward along a plan, one per period, the rest after it included."""
-    times = period * np.arange(int(plan.duration / period) + 4)
+    times = period * np.arange(int(plan.duration / period) + 4, dtype=float)
     return robot.inverse_dynamics(*plan.derivatives(times, 4))[1]
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol, TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis import FrequencyResponse, LinearLoop, Margins, frequency_response, margins
 from flexhinf.arrays import Numbers
@@ -17,12 +18,38 @@ from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.design.workspace.proof import WorkspaceProof
-from flexhinf.loop import Controller, Trajectory
+from flexhinf.loop import Controller, ControllerOptions, Trajectory
 from flexhinf.robot import Robot
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure as MatplotlibFigure
+
+
+class CampaignKeywords(TypedDict, total=False):
+    """Options of a campaign in memory by name, those that are stated; see `flexhinf.options.CampaignOptions`."""
+
+    seed: int
+    batch: int
+    distribution: str
+    method: str
+    tolerances: Sequence[tuple[str, str]]
+    payload: str | None
+    initial_error: float
+    disturbance: float
+    encoder_offset: float
+    extra_delay: int
+    duration: float | None
+
+
+class ComparisonKeywords(TypedDict, total=False):
+    """Arguments of `flexhinf.compare` beside robot, specification and laws, those that are stated."""
+
+    tune: str
+    progress: Callable[[str], None] | None
+    same_sensors: bool
+    candidates: Sequence[int | str] | None
+    gains: Mapping[str, Mapping[str, ArrayLike]] | None
 
 
 class DesignedLoop(Protocol):
@@ -33,7 +60,7 @@ class DesignedLoop(Protocol):
         """Of the step that the design was judged by, s; 0 of moves, each of which has its own."""
         ...
 
-    def controller(self, at: Numbers = None, **options: Any) -> Controller:
+    def controller(self, at: Numbers = None, **options: Unpack[ControllerOptions]) -> Controller:
         """See `Design.controller`."""
         ...
 
@@ -90,6 +117,17 @@ class Design(Judged, Reported):
     pose knows its own goal and start alone. `linear`, `margins`, `poles`, `frequency_response` and `bode` are about the
     loop at rest, linearised and sampled, with estimator and latency. What does not fit is an `InvalidInput`.
 
+    Attributes
+    ----------
+    robot, specification : Robot, Specification
+        What was asked for.
+    requirements : tuple of Requirement
+        Each with its limit, the number that was found, and whether it is met.
+    loop : DesignedLoop
+        The law with its estimator, at the poses of the task.
+    evidence : PoseEvidence, WorkspaceEvidence or StoredReport
+        Runs and loops that it was judged by, with the numbers of the law.
+
     Examples
     --------
     >>> import flexhinf as fh
@@ -103,13 +141,13 @@ class Design(Judged, Reported):
     specification: Specification
     requirements: tuple[Requirement, ...]
     loop: DesignedLoop
-    evidence: DesignEvidence  # what it was judged by
+    evidence: DesignEvidence
 
     def summary(self) -> Mapping[str, str]:
         """Robot, whether the requirements are met, and the main numbers of the task."""
         return self.evidence.summary()
 
-    def controller(self, at: Numbers = None, **options: Any) -> Controller:
+    def controller(self, at: Numbers = None, **options: Unpack[ControllerOptions]) -> Controller:
         """A new controller as it is deployed, which takes over at rest at a pose, without a jump of the input; of one
         pose by default at its start. ``options``: of `Controller`, such as ``supervision``."""
         return self.loop.controller(at, **options)
@@ -146,14 +184,14 @@ class Design(Judged, Reported):
         """What is proved: a region with its gain, or errors of the model that small motions tolerate."""
         return self.loop.certificate()
 
-    def campaign(self, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
+    def campaign(self, samples: int, workers: int = 0, **options: Unpack[CampaignKeywords]) -> xr.Dataset:
         """Runs of many robots within their tolerances, in memory: the step or move of one pose, a move of each robot's
         own for a workspace. ``options``: of `flexhinf campaign run`. Returns what `flexhinf.run_campaign` does."""
         return import_module("flexhinf.design.campaign_folder").campaign_in_memory(
             self, samples, workers, **options
         )
 
-    def compare(self, laws: Sequence[str] | None = None, **options: Any) -> Reported:
+    def compare(self, laws: Sequence[str] | None = None, **options: Unpack[ComparisonKeywords]) -> Reported:
         """Other laws for the same task, judged by the same requirements; see `flexhinf.compare`."""
         return import_module("flexhinf.design.pipeline").compare(
             self.robot, self.specification, laws, **options

@@ -42,6 +42,8 @@ from flexhinf.validation import late_package, nearest, value_text
 if TYPE_CHECKING:
     import numpy as np
     import pydantic
+
+    from flexhinf.robot import Robot
 else:
     np, pydantic = map(late_package, ("numpy", "pydantic"))
 
@@ -372,7 +374,7 @@ class Specification(StatedRepr):
         "Whether the step is run in MuJoCo too (needs flexhinf[mujoco]).")
     # fmt: on
     #: Fields of `declare_limit` with their values; each is an attribute too.
-    extended: tuple[tuple[str, Any], ...] = dataclasses.field(default=(), repr=False)
+    extended: tuple[tuple[str, object], ...] = dataclasses.field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for name, value in self.extended:
@@ -478,7 +480,7 @@ class Specification(StatedRepr):
         """Whether the report shows angles in degrees."""
         return self.angle_unit == "deg"
 
-    def shows_degrees(self, robot: Any) -> bool:
+    def shows_degrees(self, robot: Robot) -> bool:
         """Whether the report shows the angles of this robot in degrees: where every joint turns."""
         return self.in_degrees and not any(robot.links.slides)
 

@@ -14,6 +14,7 @@ from flexhinf.loop.controller.backlash import Backlash as Backlash
 from flexhinf.loop.controller.controller import Controller as Controller, load_controller as load_controller
 from flexhinf.loop.controller.friction import DryFriction as DryFriction
 from flexhinf.loop.controller.governor import Governor as Governor
+from flexhinf.loop.controller.keywords import ControllerOptions as ControllerOptions
 from flexhinf.loop.controller.laws import Schedule as Schedule, savable_estimator as savable_estimator
 from flexhinf.loop.controller.status import Status as Status, Supervision as Supervision
 from flexhinf.loop.signals.motions import JerkLimited as JerkLimited, Spline as Spline, Waypoints as Waypoints

@@ -13,7 +13,7 @@ from flexhinf.plant.code import StoredCode
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
 from flexhinf.plant.model import python_control
 from flexhinf.plant.parameters import Parameters, ParameterTable
-from flexhinf.plant.penalty import Penalty
+from flexhinf.plant.penalty import Penalty, StateWeights
 from flexhinf.plant.plant import (
     GeneralisedPlant,
     Plant,
@@ -53,6 +53,7 @@ __all__ = [
     "ProblemLaw",
     "Sensor",
     "SensorTable",
+    "StateWeights",
     "StoredCode",
     "chosen",
     "eight_stages",

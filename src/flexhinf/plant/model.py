@@ -111,8 +111,8 @@ class Model(Summarised):
     array([ 0.  , -9.81])
     """
 
-    flow: Callable[..., Any]
-    output: Callable[..., Any]
+    flow: Callable[..., Elements]
+    output: Callable[..., Elements]
     states: Sequence[str]
     inputs: Sequence[str]
     disturbances: Sequence[str] = ()
@@ -121,8 +121,8 @@ class Model(Summarised):
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
-    engaged: Callable[..., Any] | None = None
-    arrest: Callable[..., Any] | None = None
+    engaged: Callable[..., Elements] | None = None
+    arrest: Callable[..., Elements] | None = None
     sampled: bool = False
     angles: Sequence[str] = ()
     coupling: Sequence[Sequence[float]] = ()
@@ -195,7 +195,7 @@ class Model(Summarised):
         """Number of states."""
         return len(self.states)
 
-    def values_texts(self, names: Sequence[str], values: Any) -> list[str]:
+    def values_texts(self, names: Sequence[str], values: ArrayLike) -> list[str]:
         """Values of signals with their names and units, but for zeros."""
         pairs = zip(names, np.asarray(values, dtype=float).tolist(), strict=True)
         return [f"{name} = {number_text(value, self.unit(name))}" for name, value in pairs if value]
@@ -204,7 +204,7 @@ class Model(Summarised):
         """Units of weights of squares of signals in a cost without one, such as V⁻²; "" of a signal without a unit."""
         return [power_of(self.unit(name), "⁻²") for name in names]
 
-    def weights_texts(self, names: Sequence[str], values: Any) -> list[str]:
+    def weights_texts(self, names: Sequence[str], values: ArrayLike) -> list[str]:
         """Weights of squares of signals in such a cost, with their units."""
         return list(map(number_text, np.asarray(values, dtype=float).tolist(), self.weight_units(names)))
 

@@ -9,9 +9,10 @@ import copy
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
@@ -20,6 +21,9 @@ from flexhinf.plant.code import has_a_name
 from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.polynomial_plant import checked_r2
 from flexhinf.validation import checked_array, checked_names, real_array, value_text
+
+#: Weights of states by name or in order, a matrix, or a function h(x, p).
+StateWeights: TypeAlias = Mapping[str, float] | Sequence[float] | Callable[..., ArrayLike] | np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,8 +50,8 @@ class Penalty(StatedRepr):
     'link_position_integral'
     """
 
-    states: Mapping[str, float] | Sequence[float] | Callable[..., Any] | np.ndarray
-    effort: Any = 1.0
+    states: StateWeights
+    effort: ArrayLike = 1.0
 
     def __post_init__(self) -> None:
         named: Mapping[Any, Any] = {}
@@ -98,7 +102,7 @@ class Penalty(StatedRepr):
         return {"states": self.states, "effort": self.effort}
 
     @staticmethod
-    def of(penalty: Any) -> Penalty:
+    def of(penalty: Penalty | StateWeights) -> Penalty:
         """A Penalty as it is; anything else as the weights of the states, with R2 = I."""
         return penalty if isinstance(penalty, Penalty) else Penalty(penalty)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,23 @@ _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 OWN = ("r2", "state_names", "operating_point", "input_names", "operating_input")
 
 _DRIFT = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
+
+
+class Sparse(Protocol):
+    """A matrix of `scipy.sparse`."""
+
+    def toarray(self) -> np.ndarray:
+        """As an array."""
+        ...
+
+
+class PointNames(TypedDict, total=False):
+    """Names and operating point of a `PolynomialPlant`, those that are stated."""
+
+    state_names: Sequence[str]
+    operating_point: ArrayLike
+    input_names: Sequence[str]
+    operating_input: ArrayLike
 
 
 def checked_r2(r2: ArrayLike, rounding: float = 1e-12, atol: float = 0.0) -> np.ndarray:
@@ -336,12 +353,12 @@ class PolynomialPlant(Summarised):
     @classmethod
     def from_kronecker(
         cls,
-        f: Sequence[Any],
-        g1: Sequence[Any],
-        g2: Sequence[Any],
-        h: Sequence[Any],
+        f: Sequence[ArrayLike | Sparse],
+        g1: Sequence[ArrayLike | Sparse],
+        g2: Sequence[ArrayLike | Sparse],
+        h: Sequence[ArrayLike | Sparse],
         r2: ArrayLike,
-        **named: Any,
+        **named: Unpack[PointNames],
     ) -> PolynomialPlant:
         """A polynomial plant from Kronecker coefficients, in the form of PPR and NLbalancing.
 
@@ -356,6 +373,12 @@ class PolynomialPlant(Summarised):
 
         Raises InvalidInput: wrong shapes, and as `PolynomialPlant`.
         """
+        return cls._from_kronecker(f, g1, g2, h, r2, named)
+
+    @classmethod
+    def _from_kronecker(
+        cls, f: Any, g1: Any, g2: Any, h: Any, r2: ArrayLike, named: PointNames
+    ) -> PolynomialPlant:  # dense matrices or sparse ones, of which NumPy has no types
         refuse_if(
             not (len(f) and len(g1) and len(g2) and len(h)),
             "A field has no Kronecker coefficients.",
@@ -368,7 +391,7 @@ class PolynomialPlant(Summarised):
                 "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
             )
 
-        def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
+        def fields(matrices: Any) -> dict[int, np.ndarray]:
             columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1
             parts: dict[int, np.ndarray] = {}
             for k, matrix in enumerate(matrices):

@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from flexhinf.arrays import Number, Numbers
+from flexhinf.arrays import Elements, Number, Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Pictured, names_text
-from flexhinf.plant import GeneralisedPlant, ParameterTable, Penalty, Plant
+from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant, StateWeights
 from flexhinf.robot.arm import Arm, Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
@@ -349,7 +349,7 @@ class Robot(Pictured):
         self,
         pose: Numbers = None,
         extras: str | Sequence[str] = (),
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Number] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The equilibrium (x, u) of `plant` at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
@@ -384,7 +384,7 @@ class Robot(Pictured):
             self.links, self.drive, self.layout, np.asarray(poses, dtype=float).T, columns, on
         )[0].T
 
-    def modes(self, pose: Numbers = None, parameters: Mapping[str, Any] | None = None) -> tuple[Mode, ...]:
+    def modes(self, pose: Numbers = None, parameters: Mapping[str, Number] | None = None) -> tuple[Mode, ...]:
         """Modes of the uncontrolled robot near the equilibrium at a pose, slowest first: how its springs vibrate.
 
         They are eigenvalues of the linearised `plant`, one for each conjugate pair, with ``frequency`` (|λ|/2π, Hz),
@@ -406,7 +406,7 @@ class Robot(Pictured):
 
     def inverse_dynamics(
         self, q: Numbers, dq: Numbers = None, ddq: Numbers = None, dddq: Numbers = None, ddddq: Numbers = None,
-        extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None,
+        extras: str | Sequence[str] = (), parameters: Mapping[str, Number] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
@@ -445,11 +445,13 @@ class Robot(Pictured):
         x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, table.vector()))
         return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
-    def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
+    def inverse_flow(
+        self, q: Elements, dq: Elements, ddq: Elements, dddq: Elements, ddddq: Elements, p: Parameters
+    ) -> tuple[Elements, Elements]:
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
         return InverseFlow(self.links, self.drive, layout=self.layout)(q, dq, ddq, dddq, ddddq, p)
 
-    def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
+    def flat_coordinates(self, x: Elements, p: Parameters) -> tuple[Elements, Elements, Elements, Elements]:
         """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_flow`.
 
         They are the coordinates in which the robot is n chains of four integrators. The state of a robot with rigid
@@ -470,7 +472,7 @@ class Robot(Pictured):
 
     def problem(
         self,
-        penalty: Any = None,
+        penalty: Penalty | StateWeights | None = None,
         pose: Numbers = None,
         measured: str | Sequence[str] = ("link_position",),
         command: str | None = "disturbance",
@@ -507,12 +509,12 @@ class Robot(Pictured):
         chosen = self.penalty if penalty is None else penalty
         if self.penalty is not None and not isinstance(chosen, Penalty):
             chosen = replace(self.penalty, states=chosen)
-        refuse_if(
-            chosen is None,
-            f"The robot {self.name!r} states no penalty of its own.",
-            "expected penalty=..., got none",
-            "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
-        )
+        if chosen is None:
+            raise InvalidInput(
+                f"The robot {self.name!r} states no penalty of its own.",
+                "expected penalty=..., got none",
+                "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
+            )
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
         weights = robot_penalty(
@@ -586,7 +588,7 @@ class Robot(Pictured):
         return self.varied(moved)
 
     @cached_property
-    def heaviest(self) -> dict[str, Any]:
+    def heaviest(self) -> PlantValues:
         """Parameters as of `corner`, with masses and payloads at the upper ends of their tolerances."""
         heavy = [p.name for p in self.uncertain if p.name.startswith(("mass", "payload_mass"))]
         return self.corner(dict.fromkeys(heavy, 1.0))

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.design.laws import DESIGN, LawKind, check_drive, law_kind, laws_over
 from flexhinf.design.own_sensors import measuring
@@ -230,7 +231,7 @@ def compare_over_workspace(
     laws: Sequence[str] | None = None,
     progress: Progress = lambda text: None,
     same_sensors: bool = False,
-    gains: Mapping[str, Mapping[str, Any]] | None = None,
+    gains: Mapping[str, Mapping[str, ArrayLike]] | None = None,
 ) -> WorkspaceComparison:
     """Compare a design for a workspace with other laws, judged alike; parameters as of `flexhinf.compare`.
 

@@ -7,8 +7,9 @@ import copy
 import os
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Unpack, cast
 
+import casadi as ca
 import numpy as np
 
 from flexhinf.arrays import Numbers, Vector
@@ -21,6 +22,7 @@ from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.governor import Governor, first_of_joints
+from flexhinf.loop.controller.keywords import ControllerOptions, Range, RangeAndRate
 from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
@@ -150,30 +152,29 @@ class Controller(Summarised):
         solution: Law,
         estimator: Estimator | None,
         period: float = 1e-3,
-        saturation: Any = None,
+        saturation: Range = None,
         *,
         moving: bool = False,
         start: str = "zero",
         blend_time: float | None = None,
-        command_range: Any = None,
-        command_rate: Any = None,
-        input_rate: Any = None,
-        integral_dead_zone: Any = None,
-        before_first: Any = "hold",
+        command_range: Range = None,
+        command_rate: Numbers = None,
+        input_rate: Numbers = None,
+        integral_dead_zone: Numbers = None,
+        before_first: Numbers = "hold",
         latency: int | None = None,
         supervision: Supervision | None = None,
         offset_time: float | None = None,
         windup: Windup | None = None,
         compensate: Sequence[str] | str | None = None,
-        measurement_limits: Any = None,
+        measurement_limits: RangeAndRate = None,
         dry_friction: DryFriction | None = None,
         backlash: Backlash | None = None,
         governor: Governor | None = None,
     ) -> None:
-        self.law, self.estimator = solution, estimator
-        self.gaps = estimator is not None  # elements of a measurement may be missing
+        self.law, self.estimator, self.blend_time_option = solution, estimator, blend_time
+        self.period, self.gaps = checked_period(period), estimator is not None  # gaps: missing measurements
         self.doubts = "rcond" in getattr(getattr(estimator, "initial", None), "_fields", ())
-        self.period = checked_period(period)
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
         self.limits = Limits.of(saturation, len(solution.input_names), input_rate)
@@ -208,7 +209,6 @@ class Controller(Summarised):
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
-        self.blend_time_option = blend_time
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         #: Names of the command's elements: the tracked states, or all states and inputs of a moving reference.
         self.commanded = (*self.states, *solution.input_names) if moving else self.tracked
@@ -227,13 +227,13 @@ class Controller(Summarised):
         self._history = StateHistory(first, place, len(self.estimated), braking_place(self.memory.places))
         self._ready: Any = ()
 
-    def fresh(self, fused: bool | None = None, **options: Any) -> Controller:
+    def fresh(self, fused: bool | None = None, **options: Unpack[ControllerOptions]) -> Controller:
         """A copy of the controller with a new memory, at its start, and with these options.
 
         `fused`: Its steps, in a `Loop` too, have the bits of exported C with (True) or without (False) fused
         multiply-adds; None: as of this one, at first those of the processor. Pickles keep it, files do not.
         """
-        other = Controller(self.law, self.estimator, self.period, **(self._options | options))
+        other = Controller(self.law, self.estimator, self.period, **dict[str, Any](self._options, **options))
         other.fused = self.fused if fused is None else bool(fused)
         return other
 
@@ -286,7 +286,7 @@ class Controller(Summarised):
 
     def evaluate(self, y: Numbers, r: Numbers, memory: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Input (m,) and next memory (s,) of one sample; the controller's own memory does not change."""
-        u, _, after = self.traced()(y, r, memory, self.data_vector)
+        u, _, after = cast(Any, self.traced())(y, r, memory, self.data_vector)
         return np.ravel(np.asarray(u, dtype=float)), np.ravel(np.asarray(after, dtype=float))
 
     def summary(self) -> dict[str, str]:
@@ -393,7 +393,7 @@ class Controller(Summarised):
         own = self.law_code, self.estimator, self._sources
         return controller_step(*own, y, r, memory, data, run, self.mode)
 
-    def traced(self, run: Direct = DIRECT) -> Any:
+    def traced(self, run: Direct = DIRECT) -> ca.Function:
         """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, after what the run records."""
         sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
 

@@ -21,7 +21,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from flexhinf.arrays import Numbers
+from flexhinf.arrays import Elements, Numbers
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.extensions import load_extensions
 from flexhinf.files import read_arrays, write_arrays
@@ -134,7 +134,7 @@ class Schedule(Law):
         points = np.array([np.asarray(law.operating_point, dtype=float)[places] for law in self.laws])
         return int(np.argmin(np.linalg.norm(points - np.asarray(pose, dtype=float)[places], axis=1)))
 
-    def evaluate_law(self, x: Any, data: Any) -> Any:
+    def evaluate_law(self, x: Elements, data: Elements) -> Elements:
         """k(x), (m,), by the formula that the laws share."""
         return self.laws[0].evaluate_law(x, data)
 

@@ -32,9 +32,12 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Number, Numbers
 from flexhinf.codegen import gives
 from flexhinf.errors import refuse_if
+from flexhinf.loop.controller.options import Limits
 from flexhinf.loop.shared import BRAKING
 from flexhinf.notebook import StatedRepr
 from flexhinf.numerals import number, number_text
@@ -149,15 +152,15 @@ class Supervision(StatedRepr):
     True
     """
 
-    workspace: tuple[Any, Any] | None = None
-    swing: Any = None
+    workspace: tuple[ArrayLike, ArrayLike] | None = None
+    swing: Numbers = None
     damping: float = 0.05
     longest_swing: float = math.pi / 2.0
     saturation_time: float = 0.2
     reactions: Mapping[str, str] = field(default_factory=dict[str, str])
     braking_time: float = 0.3
-    position_swing: Any = None
-    following: Any = None
+    position_swing: Numbers = None
+    following: Numbers = None
 
     def __post_init__(self) -> None:
         for name in ("damping", "longest_swing", "saturation_time", "braking_time"):
@@ -182,7 +185,7 @@ class Supervision(StatedRepr):
             one_of("There is nothing of this name to react to.", event, REACTIONS)
             one_of(f"There is no such reaction to {event!r}.", reaction, REACTIONS[event][0])
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments as numbers, lists and texts, for a file."""
         box = None if self.workspace is None else [real_array(end).tolist() for end in self.workspace]
         sizes = {
@@ -191,7 +194,7 @@ class Supervision(StatedRepr):
         }
         return {**asdict(self), "workspace": box, **sizes, "reactions": dict(self.reactions)}
 
-    def box_text(self, units: Sequence[str], factor: Any = 1.0) -> str:
+    def box_text(self, units: Sequence[str], factor: Number = 1.0) -> str:
         """The workspace, for a summary; the commanded positions (k,), times a factor, are in these `units`."""
         if self.workspace is None:
             return "not stated"
@@ -200,7 +203,7 @@ class Supervision(StatedRepr):
         ends = [np.where(np.abs(end) < HIDDEN * width, 0.0, end).tolist() for end in (low, high)]
         return ", ".join(f"{number(a)} to {number_text(b, unit)}" for a, b, unit in zip(*ends, units))
 
-    def reactions_text(self, units: Sequence[str], factor: Any = 1.0) -> str:
+    def reactions_text(self, units: Sequence[str], factor: Number = 1.0) -> str:
         """The reactions, for a summary; the commanded positions (k,), times a factor, are in these `units`."""
         sizes = (factor * _spread(np.inf if self.following is None else self.following, len(units))).tolist()
         beyond = " or ".join(dict.fromkeys(number_text(size, unit, 3) for size, unit in zip(sizes, units)))
@@ -213,7 +216,7 @@ class Supervision(StatedRepr):
         }
         return ", ".join(f"{kind} where {events[e]}" for e, kind in self.reactions.items() if kind != "none")
 
-    def modes(self, moving: bool, governor: Any = None) -> tuple[str, ...]:
+    def modes(self, moving: bool, governor: object = None) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
         refused, or to what no `Governor` notices."""
         modes = tuple(self.reactions.get(event, "none") for event in REACTIONS)
@@ -244,7 +247,7 @@ class Supervision(StatedRepr):
         )
         return modes
 
-    def data(self, limits: Any, commanded: int, period: float) -> dict[str, Any]:
+    def data(self, limits: Limits, commanded: int, period: float) -> dict[str, ArrayLike]:
         """Numbers of the step for inputs within `Limits`, and so many commanded positions."""
         ends: Any = (-np.inf, np.inf) if self.workspace is None else self.workspace
         span = np.append(limits.upper - limits.lower, np.full(commanded, np.inf))

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
@@ -23,9 +24,9 @@ LIMITS = ("velocity", "acceleration", "jerk")
 
 
 class _Motion(StatedRepr):
-    derivatives: Callable[..., Any]
+    derivatives: Callable[..., Vector]
 
-    def __call__(self, t: Any) -> Any:
+    def __call__(self, t: float | Vector) -> Vector:
         return self.derivatives(t, 0)[0]
 
 
@@ -105,11 +106,11 @@ class JerkLimited(_Motion):
     (0.0, 1.0)
     """
 
-    start: Any
-    goal: Any
-    velocity: Any
-    acceleration: Any
-    jerk: Any
+    start: ArrayLike
+    goal: ArrayLike
+    velocity: ArrayLike
+    acceleration: ArrayLike
+    jerk: ArrayLike
     at: float = 0.0
     smoothing: float = 0.0
 
@@ -227,7 +228,7 @@ class _SampledMotion(_Motion, Sampled):
         return np.stack([rows[0], *(np.where(moving, row, 0.0) for row in rows[1:])])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Spline(_SampledMotion):
     """The spline of degree nine through samples, held at both ends, with four continuous derivatives everywhere.
 
@@ -243,8 +244,8 @@ class Spline(_SampledMotion):
     0.5
     """
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(self, times: ArrayLike, values: ArrayLike) -> None:
+        super().__init__(times, values)
         largest = np.abs(self.values).max()
         refuse_if(
             largest > HUGE,
@@ -303,7 +304,7 @@ STEEPEST = 1.25
 MOST_STOPS = 1000
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Waypoints(_SampledMotion):
     """From rest at the first waypoint to rest at the last one, through all others, each at its time.
 
@@ -341,8 +342,11 @@ class Waypoints(_SampledMotion):
     profile: str = "spline"
     smoothing: float = 0.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(
+        self, times: ArrayLike, values: ArrayLike, profile: str = "spline", smoothing: float = 0.0
+    ) -> None:
+        super().__init__(times, values)
+        vars(self).update(profile=profile, smoothing=smoothing)
         if not isinstance(self.profile, str) or self.profile not in PROFILES:
             raise unknown_name("There is no such profile of a motion.", self.profile, PROFILES)
         if self.profile in ("spline", "through"):

@@ -49,8 +49,9 @@ class Signal(Protocol):
     def __call__(self, t: Any) -> Any:
         """The value at a time, or at each of an array of times, s."""
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives up to an order, (order + 1, …)."""
+        ...
 
 
 def signal_name(signal: Any, depth: int = 3) -> str:
@@ -83,18 +84,18 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
     return int(cast(int, order))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Sampled(StatedRepr):
     """Base of signals through samples: copies of times (N,), s, and values (N,) or (N, k), read only; `smooth` ones are
     for a motion with derivatives. Refused are those that are no function of time, or so near to each other that its
     derivatives are lost."""
 
-    times: Any
-    values: Any
+    times: Vector
+    values: Vector
     smooth: ClassVar[bool] = False
 
-    def __post_init__(self) -> None:
-        times, values = real_array(self.times), real_array(self.values)
+    def __init__(self, times: ArrayLike, values: ArrayLike) -> None:
+        times, values = real_array(times), real_array(values)
         finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
         shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
         if not (finite and shaped and np.all(np.diff(times) > 0.0)):
@@ -139,7 +140,7 @@ class _Finite(StatedRepr):
 
     __call__: Callable[[Any], Any]
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and zeros, (order + 1, …): at rest on both sides of a jump, which itself has no derivative."""
         return np.stack([self(t), *[0.0 * t] * checked_order(order, "signal")])
 
@@ -247,7 +248,7 @@ class Quintic(_Finite):
         s = clip((t - self.at) / self.duration, 0.0, 1.0)
         return self.start + (self.goal - self.start) * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …); zero before and after the motion.
 
         The jerk jumps at both ends; a feedforward needs a pulse there that this does not show. `JerkLimited`
@@ -317,7 +318,7 @@ class Braked(StatedRepr):
     0.0
     """
 
-    signal: Signal | Callable[..., Any]
+    signal: Signal | Callable[[Vector], Vector]
     at: float
     time: float = 0.3
 
@@ -409,7 +410,7 @@ class Moving(StatedRepr):
     """
 
     signals: Sequence[Signal] | Signal
-    inverse: Callable[..., tuple[Any, Any]]
+    inverse: Callable[..., tuple[ArrayLike, ArrayLike]]
     names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -478,4 +479,4 @@ def braked(reference: Any, at: float, time: float) -> Any:
         return {name: braked(part, at, time) for name, part in named.items()}
     if isinstance(reference, (list, tuple)):
         return [braked(part, at, time) for part in cast("Sequence[Any]", reference)]
-    return Braked(reference, at, time) if callable(reference) else reference
+    return Braked(cast(Signal, reference), at, time) if callable(reference) else reference
