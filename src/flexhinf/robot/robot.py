@@ -15,6 +15,7 @@ from flexhinf.arrays import Elements, Number, Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Pictured, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant, StateWeights
+from flexhinf.plant.parameters import ParameterValues
 from flexhinf.robot.arm import Arm, Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
@@ -349,7 +350,7 @@ class Robot(Pictured):
         self,
         pose: Numbers = None,
         extras: str | Sequence[str] = (),
-        parameters: Mapping[str, Number] | None = None,
+        parameters: ParameterValues | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The equilibrium (x, u) of `plant` at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
@@ -384,7 +385,7 @@ class Robot(Pictured):
             self.links, self.drive, self.layout, np.asarray(poses, dtype=float).T, columns, on
         )[0].T
 
-    def modes(self, pose: Numbers = None, parameters: Mapping[str, Number] | None = None) -> tuple[Mode, ...]:
+    def modes(self, pose: Numbers = None, parameters: ParameterValues | None = None) -> tuple[Mode, ...]:
         """Modes of the uncontrolled robot near the equilibrium at a pose, slowest first: how its springs vibrate.
 
         They are eigenvalues of the linearised `plant`, one for each conjugate pair, with ``frequency`` (|λ|/2π, Hz),
@@ -398,15 +399,14 @@ class Robot(Pictured):
         >>> [mode for mode in arm.modes((0.8, 1.0)) if mode.name == "vibration"]
         [<vibration of shoulder: 3.188 Hz, damping 0.359>, <vibration of elbow: 9.859 Hz, damping 0.101>]
         """
-        plant = self.plant()
-        plant = plant.with_parameters(**parameters) if parameters else plant
+        plant = self.plant().with_parameters(**parameters) if parameters else self.plant()
         equilibrium = self.operating_point(pose, parameters=parameters)
         energy = stiffness_and_inertia(plant, equilibrium)
         return modes_of(plant.linearise(*equilibrium)[0], self.joint_names, *energy)
 
     def inverse_dynamics(
         self, q: Numbers, dq: Numbers = None, ddq: Numbers = None, dddq: Numbers = None, ddddq: Numbers = None,
-        extras: str | Sequence[str] = (), parameters: Mapping[str, Number] | None = None,
+        extras: str | Sequence[str] = (), parameters: ParameterValues | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
