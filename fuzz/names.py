@@ -179,7 +179,7 @@ def _page(name: str, folder: Path) -> str:
                 report.Table((report.Column(text, text), "b"), [[text, 1.0]], caption=text, stacks=True),
                 report.Settings({text: [report.Setting(text, text, text, text)]}),
                 report.Provenance(text, 0, {text: text}),
-                report.Claims([report.Claim("a", text, "holds", text)]),
+                report.Claims([report.JudgedClaim("a", text, "holds", text)]),
             )
         )  # fmt: skip
 

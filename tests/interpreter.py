@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.compiler import Kernel, Status, check_lanes
+from flexhinf.codegen.compiler import Kernel, RunStatus, check_lanes
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.codegen.program import (
@@ -92,11 +92,11 @@ class BoundWalk:
         return int(self._codes.max())
 
     @property
-    def status(self) -> Status:
+    def status(self) -> RunStatus:
         """Status of the last call."""
         if self._lanes == 1:
-            return Status(int(self._codes[0]), int(self._steps[0]))
-        return Status(self._codes.copy(), self._steps.copy())
+            return RunStatus(int(self._codes[0]), int(self._steps[0]))
+        return RunStatus(self._codes.copy(), self._steps.copy())
 
     def _run_lane(self, lane: int) -> tuple[int, int]:
         for name in self._arrays:

@@ -26,7 +26,7 @@ from flexhinf.codegen import (
 )
 from flexhinf.codegen.emit.module import emit_function, emit_normal
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
-from flexhinf.codegen.loops import LANES, VECTOR, Function, Text
+from flexhinf.codegen.loops import LANES, VECTOR, LoopText, NativeFunction
 from flexhinf.codegen.machine import host
 from flexhinf.codegen.program import Step
 from flexhinf.polynomial import basis
@@ -122,14 +122,14 @@ def _text_work(module: ModuleText, name: str) -> Work:
 
 def peak() -> float:
     """Fused multiply-adds a second of one thread, each of `LANES` numbers in a register (or several): measured."""
-    text = Text("peak", "Place")
+    text = LoopText("peak", "Place")
     (place,) = text.fields()
     x, sums = place.load(VECTOR), [text.variable(place.load(VECTOR, i * LANES)) for i in range(SUMS)]
     with text.loop(0, TURNS):
         for part in sums:
             part.set(text.fused(part.get(), x, x))
     place.store(reduce(add, (part.get() for part in sums)))
-    run, numbers = Function(text), 0.5 / (np.arange(LANES * SUMS) + 2.0)
+    run, numbers = NativeFunction(text), 0.5 / (np.arange(LANES * SUMS) + 2.0)
     best = float("inf")
     for _ in range(7):
         start = time.thread_time()

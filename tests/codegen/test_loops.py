@@ -10,19 +10,29 @@ import pytest
 
 from flexhinf.codegen import aligned
 from flexhinf.codegen.emit.writer import Lanes, ModuleText
-from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields, new_module
+from flexhinf.codegen.loops import (
+    DOUBLE,
+    INT,
+    LANES,
+    LONG,
+    VECTOR,
+    LoopText,
+    NativeFunction,
+    fields,
+    new_module,
+)
 
 
-def _scaled() -> Function:
+def _scaled() -> NativeFunction:
     """x[i] = scale · x[places[i]], of which no place is asked for below `low`."""
-    text = Text("scale", "X Places n low =scale Result")
+    text = LoopText("scale", "X Places n low =scale Result")
     x, places, n, low, scale, result = text.fields()
     with text.loop(0, n) as i:
         place = places.load(INT, i)
         result.store(text.number(0.0, DOUBLE), i)
         with text.when(place.compare("sge", low)):
             result.store(x.load(DOUBLE, place) * scale, i)
-    return Function(text)
+    return NativeFunction(text)
 
 
 def test_reads_through_a_table_of_places():
@@ -49,39 +59,39 @@ def test_a_task_is_there_until_the_function_ends(monkeypatch):
 
 def test_integers_vectors_and_a_part():
     module = new_module()
-    part = Text("double_all", "X Y", True, module)
+    part = LoopText("double_all", "X Y", True, module)
     x, y = part.fields()
     vector = x.load(VECTOR)
     y.store(vector + vector.shuffled(vector, [*range(1, LANES), 0]))
     part.finish()
-    text = Text("whole", "N X Y", module=module)
+    text = LoopText("whole", "N X Y", module=module)
     n, x, y = text.fields()
     number = n.load(LONG)
     n.store((number * 7 - 1) / 2)
     n.store(number.least(3).most(2), 1)
     text.call("double_all", x, y)
     numbers, given, result = np.array([5, 0]), np.arange(float(LANES)), np.empty(LANES)
-    Function(text)(numbers, given, result)
+    NativeFunction(text)(numbers, given, result)
     assert numbers.tolist() == [17, 3]
     assert result.tolist() == (given + np.roll(given, -1)).tolist()
 
 
 def test_sums_in_one_variable():
-    text = Text("sum", "X n Result")
+    text = LoopText("sum", "X n Result")
     x, n, result = text.fields()
     total = text.variable(text.number(0.0, DOUBLE))
     with text.loop(0, n) as i:
         total.set(text.fused(x.load(DOUBLE, i), i.real(), total.get()))
     result.store(total.get())
     numbers, result = np.array([3.0, 5.0, 7.0]), np.zeros(1)
-    Function(text)(numbers, 3, result)
+    NativeFunction(text)(numbers, 3, result)
     assert result[0] == 19.0
 
 
 @pytest.mark.parametrize("fused", [False, True])
 def test_a_sum_of_products_is_rounded_as_its_module_says(fused: bool) -> None:
     """Unfused NumPy's bits, and fused those of the exact sum: of doubles and of vectors."""
-    text = Text("add", "A B C Result Rows", module=ModuleText(Lanes(LANES), fused))
+    text = LoopText("add", "A B C Result Rows", module=ModuleText(Lanes(LANES), fused))
     *given, result, rows = text.fields()
     with text.loop(0, LANES) as i:
         result.store(text.fused(*(x.load(DOUBLE, i) for x in given)), i)
@@ -91,25 +101,25 @@ def test_a_sum_of_products_is_rounded_as_its_module_says(fused: bool) -> None:
     exact = [float(Fraction(x) * Fraction(y) + Fraction(z)) for x, y, z in zip(a, b, c)]
     expected = exact if fused else (a * b + c).tolist()
     single, vector = np.zeros(LANES), np.zeros(LANES)
-    Function(text)(a, b, c, single, vector)
+    NativeFunction(text)(a, b, c, single, vector)
     assert single.tolist() == vector.tolist() == expected
     assert exact != (a * b + c).tolist()
 
 
 def test_of_a_number_and_nan_the_number_is_the_smaller_one() -> None:
-    text = Text("smaller", "X Y Result")
+    text = LoopText("smaller", "X Y Result")
     x, y, result = text.fields()
     result.store(x.load(VECTOR).least(y.load(VECTOR)))
     x, y = np.array(
         [[1.0, 2.0, np.nan, 3.0, np.inf, -1.0, 0.0, 7.0], [2.0, 1.0, 5.0, np.nan, 4.0, -2.0, 1.0, 7.0]]
     )
     found = np.zeros(LANES)
-    Function(text)(x, y, found)
+    NativeFunction(text)(x, y, found)
     assert found.tolist() == np.fmin(x, y).tolist()
 
 
 def test_operators_of_vectors_and_cases() -> None:
-    text = Text("weigh", "X which Result")
+    text = LoopText("weigh", "X which Result")
     x, which, result = text.fields()
     vector, total = x.row(), text.sum()
     positive = vector.compare("ogt", 0.0) & vector.compare("olt", 5.0)  # of NaN neither
@@ -118,7 +128,7 @@ def test_operators_of_vectors_and_cases() -> None:
         with text.when(vector.compare("ogt", 6.0 * case).somewhere()):
             total.add(text.number(100.0 * case, VECTOR))
     result.set_row(total.get() / 4.0)
-    function, given = Function(text), aligned(LANES)
+    function, given = NativeFunction(text), aligned(LANES)
     given[:] = [0.0, 1.0, -2.0, 7.0, 4.0, -0.5, 5.0, np.nan]
     expected = np.where((given > 0) & (given < 5), 2 * given, -np.abs(given))
     for which_one, more in ((0, 0.0), (1, 100.0), (2, 0.0), (3, 0.0)):  # 7 > 6, and not > 12

@@ -12,7 +12,7 @@ from tests.refusals import unnamed
 from flexhinf.analysis.modes import Mode
 from flexhinf.design.certification import DesignProof
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.status import Status, status_of
+from flexhinf.design.status import StatusEntries, status_of
 
 #: Metrics under load of a joint that comes back.
 FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining_error": 0.0}
@@ -25,7 +25,7 @@ def judged(
     inside: bool | None = True,
     proof: DesignProof = NOTHING,
     **changes: Any,
-) -> Status:
+) -> StatusEntries:
     """The status of a loop that is fine but for what is given."""
     margins: dict[str, Any] = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
     noise, recovery = margins.pop("noise", 0.0), margins.pop("recovery", 0.3)
@@ -84,8 +84,8 @@ def test_what_was_estimated_and_not_measured_is_in_the_status() -> None:
 def test_a_loop_without_faults_has_an_empty_status() -> None:
     """Old code said of every design with several joints that its region is sampled, and of 8 in 10 that another R^v
     makes corners unstable: the verdict, and the table of the corners, say what is known of both."""
-    assert judged() == Status()
-    assert judged(inside=None) == Status()
+    assert judged() == StatusEntries()
+    assert judged(inside=None) == StatusEntries()
 
 
 @pytest.mark.parametrize(

@@ -330,7 +330,7 @@ def test_stated_numbers_get_the_estimator_that_lacks_least(
 ) -> None:
     """Of all that are tried, each looked at whole."""
     monkeypatch.setattr(comparison, "TUNING_POSES", (2, 1))
-    search = comparison._Search(own, law_kind("pid"), same_sensors=True)
+    search = comparison._RivalSearch(own, law_kind("pid"), same_sensors=True)
     numbers = {"bandwidth": (12.0,)}
     lacking = {each.random: search.poses.excess(each).tolist() for each in search._at(numbers)}
     found, _ = search.stated(numbers)

@@ -24,7 +24,7 @@ import flexhinf as fh
 from flexhinf.export.compiled_follower import CompiledFollower, follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.follow import follower_of, largest_twists
-from flexhinf.export.follow_vector import POSES, ROWS, Session, events, follow_test_values, refusals
+from flexhinf.export.follow_vector import POSES, ROWS, FollowerTrial, events, follow_test_values, refusals
 from flexhinf.export.rendering import render_c
 from flexhinf.robot import FollowCode, FollowGoal
 
@@ -377,14 +377,16 @@ def test_the_program_of_an_export_plays_every_end(named: str, real: str, tmp_pat
 def test_the_program_has_as_many_rows_at_any_period(period: float) -> None:
     robot = fh.load_robot("planar-two-link")
     follower = fh.Follower(robot, period, smoothing=period * max(1, round(2e-2 / period)))
-    session = Session(follower, np.array([1.5, 1.5]), np.array([0.2, 0.2]))
+    session = FollowerTrial(follower, np.array([1.5, 1.5]), np.array([0.2, 0.2]))
     steps = events(session)[-1].step
     assert POSES < steps / session.every <= ROWS + POSES + 2
 
 
 def test_goals_stop_within_what_the_drives_take_and_beyond() -> None:
     robot = replace(fh.load_robot("planar-two-link"), command_rates=(3e3, 2e3))
-    session = Session(fh.Follower(robot, 1e-3, smoothing=0.02), np.array([1.5, 1.5]), np.array([0.2, 0.2]))
+    session = FollowerTrial(
+        fh.Follower(robot, 1e-3, smoothing=0.02), np.array([1.5, 1.5]), np.array([0.2, 0.2])
+    )
     within, beyond = refusals(session)[-2:]
     assert session.follower.check(within) is FollowCode.SUCCESSFUL
     assert session.follower.check(beyond) is FollowCode.INVALID_GOAL

@@ -25,7 +25,7 @@ from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, code_of
 from flexhinf.export.provocation import (
     NOISE_PARTS,
-    Trial,
+    ProvokedRun,
     _memories,
     _singular_memories,
     _tried,
@@ -130,8 +130,8 @@ def test_trials_are_kept_up_to_the_watchdogs_limit_and_refused_ones_count_for_no
     start, memory = np.array([own.operating_reference]), own.initial_memory()
     one = Provocation(np.zeros((1, 1)), start, [1], np.array(own.data_vector), None, None, {})
 
-    def trial(count: int, before: np.ndarray) -> Trial:
-        return Trial(before, np.full((count, 1), 1.0), np.repeat(start, count, axis=0))
+    def trial(count: int, before: np.ndarray) -> ProvokedRun:
+        return ProvokedRun(before, np.full((count, 1), 1.0), np.repeat(start, count, axis=0))
 
     none = np.array(memory)
     none[own.memory.places["belief"].start] = np.nan

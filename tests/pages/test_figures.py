@@ -16,7 +16,7 @@ from flexhinf.design import PoseEvidence
 from flexhinf.design.laws import law_kind
 from flexhinf.design.tuning import RATIOS
 from flexhinf.pages import campaign, certificate, comparison_figures
-from flexhinf.pages.design.frequency import Loop, _lines, frequency_figures
+from flexhinf.pages.design.frequency import LoopLine, _lines, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
 from flexhinf.pages.drawing import (
@@ -97,11 +97,11 @@ def test_the_figure_is_as_high_as_the_arm_needs() -> None:
 @pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
     response = report_design("met").evaluation.frequency_response
-    one = frequency_figures([Loop("a", response)], ["joint"], ["rad/(N·m)"])
+    one = frequency_figures([LoopLine("a", response)], ["joint"], ["rad/(N·m)"])
     assert [figure.id for figure in one] == ["figure-bode", "figure-sensitivity", "figure-nyquist"]
     distance = np.abs(1.0 + response.input_loops[:, 0]).min()
     assert f"smallest distance, {distance:.2f}" in one[2].caption
-    two = frequency_figures([Loop("a", response), Loop("b", response)], ["joint"], ["rad/(N·m)"])
+    two = frequency_figures([LoopLine("a", response), LoopLine("b", response)], ["joint"], ["rad/(N·m)"])
     assert "smallest distance" not in two[2].caption
     assert "b</text>" in two[1].svg  # its name; what is drawn of every law stands in the caption
     assert "S: how much" in two[1].caption
@@ -113,7 +113,7 @@ def test_a_loop_has_a_line_for_each_joint_and_several_have_one_each() -> None:
     names = ("link_position_shoulder", "link_position_elbow")
     linear: Any = SimpleNamespace(names=names, disturbances=[n.replace("position", "torque") for n in names])
     response: Any = SimpleNamespace(linear=linear, disturbance=np.array([[[2.0, 9.0], [9.0, 4.0]]]))
-    joints, loops = ("shoulder", "elbow"), [Loop("a", response), Loop("b", response, 1)]
+    joints, loops = ("shoulder", "elbow"), [LoopLine("a", response), LoopLine("b", response, 1)]
     assert [(line[0], line[3]) for line in _lines(loops[:1], joints)] == [("shoulder", 0), ("elbow", 1)]
     assert [(line[0], line[3]) for line in _lines(loops[:1], joints[:1])] == [("a", 0)]
     assert [(line[0], line[3]) for line in _lines(loops, joints)] == [("a", 1), ("b", 1)]

@@ -18,10 +18,10 @@ from tests.refusals import unnamed
 
 from flexhinf.analysis import Margins
 from flexhinf.design import PoseEvidence
-from flexhinf.design.problem.weights import Behaviour, Candidate, SearchResult, TargetBehaviour
+from flexhinf.design.problem.weights import Behaviour, SearchResult, TargetBehaviour, WeightCandidate
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
-from flexhinf.design.status import Status
+from flexhinf.design.status import StatusEntries
 from flexhinf.hinf import HJISolution
 from flexhinf.numerals import number
 from flexhinf.pages import design_page
@@ -112,17 +112,17 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
 
 @pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_status_comes_first_failures_before_the_rest(report_design: Make) -> None:
-    design = dataclasses.replace(report_design("rings"), status=Status(("a",), ("b",), ("c",)))
+    design = dataclasses.replace(report_design("rings"), status=StatusEntries(("a",), ("b",), ("c",)))
     kinds = [entry.kind for entry in page_of(design).status]
     assert kinds == ["not met", "risky", "not proved"]
     html = page_of(design).html()
     assert html.index('class="verdict"') < html.index('class="numbers"') < html.index('class="status"')
-    fine = dataclasses.replace(design, status=Status())
+    fine = dataclasses.replace(design, status=StatusEntries())
     (met,) = page_of(fine).status
     assert met.kind == "met"
     assert all(word in met.text for word in ("defaults", "bandwidth"))
     (alone,) = design_page(
-        dataclasses.replace(design, status=Status(scope="only the nominal")), ["flexhinf"]
+        dataclasses.replace(design, status=StatusEntries(scope="only the nominal")), ["flexhinf"]
     ).status
     assert "only the nominal" in alone.text
     assert "defaults" not in page_of(report_design("met")).status[0].text
@@ -224,7 +224,7 @@ def test_a_candidate_of_another_search_is_no_point_of_the_curve(
     monkeypatch.setattr(weights, "draw_figure", lambda name, parts, *rest, **named: found.extend(parts))
     behaviour = Behaviour(np.array([3.0]), 0.2, 0.3, np.array([0.2]), [0])
     first, second, last = (
-        Candidate(np.array([4.0]), np.array([zeta]), cast(HJISolution, None), star, behaviour)
+        WeightCandidate(np.array([4.0]), np.array([zeta]), cast(HJISolution, None), star, behaviour)
         for zeta, star in ((0.1, 50.0), (0.3, 52.0), (0.2, 40.0))
     )
     search = SearchResult(last, (first, second, last))

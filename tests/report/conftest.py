@@ -49,7 +49,7 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
     """Every element of a page."""
     claims = report.Claims(
         [
-            report.Claim(
+            report.JudgedClaim(
                 "tracks-180",
                 "NL-H∞ tracks a step to 180°.",
                 "holds",
@@ -57,15 +57,19 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
                 ("figure-03",),
                 "both are smaller on the 180° step",
             ),
-            report.Claim(
+            report.JudgedClaim(
                 "tolerances",
                 "The loop withstands the tolerances of Tables 1–2.",
                 "fails",
                 "12 of 400 corners are unstable at R^v = 0.01; the slowest doubles its vibration every 11 s",
                 ("figure-09",),
             ),
-            report.Claim("ukf-ekf", "The UKF is better than the EKF.", "ties", "difference 3e-6 ± 2e-5 rad"),
-            report.Claim("bounded", "The UKF is bounded.", "not judged", "the paper does not define it"),
+            report.JudgedClaim(
+                "ukf-ekf", "The UKF is better than the EKF.", "ties", "difference 3e-6 ± 2e-5 rad"
+            ),
+            report.JudgedClaim(
+                "bounded", "The UKF is bounded.", "not judged", "the paper does not define it"
+            ),
         ]
     )
     columns = [

@@ -16,7 +16,7 @@ from flexhinf.errors import InvalidInput
     ("verdict", "sign"), [("holds", "✓"), ("fails", "✗"), ("ties", "≈"), ("not judged", "○")]
 )
 def test_a_verdict_is_told_by_more_than_its_colour(verdict: str, sign: str) -> None:
-    html = report.Claims([report.Claim("c", "t", verdict, "e")]).html()  # type: ignore[arg-type]
+    html = report.Claims([report.JudgedClaim("c", "t", verdict, "e")]).html()  # type: ignore[arg-type]
     assert f'class="badge {verdict.replace(" ", "-")}"' in html
     assert sign in html
     assert f"</span> {verdict}</span>" in html
@@ -24,8 +24,8 @@ def test_a_verdict_is_told_by_more_than_its_colour(verdict: str, sign: str) -> N
 
 def test_what_fails_comes_first_and_the_criterion_before_the_verdict() -> None:
     claims = [
-        report.Claim("a", "A.", "holds", "1 < 2", criterion="at most 2"),
-        report.Claim("b", "B.", "fails", "3 > 2", ("table-b",), "at most 2"),
+        report.JudgedClaim("a", "A.", "holds", "1 < 2", criterion="at most 2"),
+        report.JudgedClaim("b", "B.", "fails", "3 > 2", ("table-b",), "at most 2"),
     ]
     html = report.Claims(claims).html()
     assert html.index("B.") < html.index("A.")
@@ -40,11 +40,11 @@ def test_what_fails_comes_first_and_the_criterion_before_the_verdict() -> None:
 
 def test_another_verdict_is_refused() -> None:
     with refused_with(InvalidInput, "holds", "'maybe'"):
-        report.Claim("c", "t", "maybe", "e")  # type: ignore[arg-type]
+        report.JudgedClaim("c", "t", "maybe", "e")  # type: ignore[arg-type]
 
 
 def test_what_the_metrics_hold() -> None:
-    claim = report.Claim("c", "t", "fails", "e", ("figure-09",))
+    claim = report.JudgedClaim("c", "t", "fails", "e", ("figure-09",))
     assert claim.as_dict() == {
         "id": "c",
         "text": "t",
@@ -55,7 +55,7 @@ def test_what_the_metrics_hold() -> None:
 
 def test_the_summary_counts() -> None:
     verdicts = ["holds", "holds", "holds", "fails", "fails", "not judged", "not judged"]
-    claims = [report.Claim(f"c{index}", "t", verdict, "e") for index, verdict in enumerate(verdicts)]  # type: ignore[arg-type]
+    claims = [report.JudgedClaim(f"c{index}", "t", verdict, "e") for index, verdict in enumerate(verdicts)]  # type: ignore[arg-type]
     assert re.findall(r"\d+", report.summary(claims)) == ["7", "3", "2", "2"]
     assert re.findall(r"\d+", report.summary([])) == []
     assert unnamed(report.summary([]), "no", "claim") == []

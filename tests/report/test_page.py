@@ -53,7 +53,7 @@ def read(html: str) -> Reader:
     return reader
 
 
-def page_of(*blocks: report.Block, **changes: object) -> report.Page:
+def page_of(*blocks: report.PageBlock, **changes: object) -> report.Page:
     content = {
         "title": "t",
         "request": "a",
@@ -130,7 +130,7 @@ def test_the_top_says_the_verdict_the_numbers_and_what_was_asked(page_html: str)
         page_of(report.Bullets((HOSTILE,))),
         page_of(report.Listing(HOSTILE)),
         page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
-        page_of(report.Claim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE)),
+        page_of(report.JudgedClaim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE)),
         page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
         page_of(provenance=report.Provenance(HOSTILE, 0, {HOSTILE: HOSTILE})),
     ],
@@ -150,7 +150,7 @@ def test_an_anchor_used_twice_is_refused() -> None:
 
 
 def test_a_claim_that_points_nowhere_is_refused() -> None:
-    claim = report.Claim("c", "t", "holds", "e", figures=("figure-03",))
+    claim = report.JudgedClaim("c", "t", "holds", "e", figures=("figure-03",))
     with pytest.raises(InvalidInput, match=": figure-03"):
         page_of(claim)
     with pytest.raises(InvalidInput, match=": claim-c"):
@@ -168,9 +168,9 @@ def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_htm
 
 def test_the_status_is_a_badge_at_the_top_and_a_sentence_in_the_summary() -> None:
     lines = (
-        report.Status("not met", "Overshoot 9 % (at most 5 %)."),
-        report.Status("not met", "3 of 19 requirements of this design are not met."),
-        report.Status("risky", "Rᵛ was not varied."),
+        report.Badge("not met", "Overshoot 9 % (at most 5 %)."),
+        report.Badge("not met", "3 of 19 requirements of this design are not met."),
+        report.Badge("risky", "Rᵛ was not varied."),
     )
     html = report.Page(
         "t", "a", "v", (), report.Settings({}), report.Provenance("x", None, {}), status=lines
@@ -183,7 +183,7 @@ def test_the_status_is_a_badge_at_the_top_and_a_sentence_in_the_summary() -> Non
     assert "Overshoot 9" in summary
     assert "R<sup>v</sup>" in html
     with pytest.raises(InvalidInput, match="risky"):
-        report.Status("fine", "")
+        report.Badge("fine", "")
 
 
 def test_sections_fold_under_their_headings_and_say_how_many_notes_they_have() -> None:

@@ -23,7 +23,7 @@ from flexhinf.design.responses import Response, joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.export.feedforward import export_feedforward
 from flexhinf.loop import Instant, JerkLimited
-from flexhinf.loop.simulation.metrics import Command
+from flexhinf.loop.simulation.metrics import CommandFacts
 from flexhinf.robot import check_reference
 from flexhinf.robot.command_limits import command_changes
 
@@ -123,7 +123,7 @@ def test_a_campaign_at_a_pose_requires_them_and_computes_what_a_run_is_judged_by
     memory = np.array(reduction.start)
     for step, row in enumerate(inputs):
         memory = reduction.updated(memory, cast("Instant", SimpleNamespace(step=float(step), input=row)))
-    found = reduction.result(memory[:, None], cast("Command", None))
+    found = reduction.result(memory[:, None], cast("CommandFacts", None))
     expected = [np.abs(rows).max(axis=0) for rows in command_changes(inputs, PERIOD)]
     for kind, rows in zip(("rate", "acceleration"), expected):
         assert found[kind][0] == pytest.approx(rows, rel=1e-12)

@@ -24,7 +24,7 @@ from flexhinf.analysis.linear_loop import LinearLoop, Modes, with_queue
 from flexhinf.analysis.sampled_controller import (
     DerivativeRows,
     SampledController,
-    Stepped,
+    StepDerivatives,
     check_states,
     equilibrium_integrals,
     model_rows,
@@ -200,7 +200,7 @@ class EquilibriumLoop:
 
     def stepped(
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None, outside: bool = True
-    ) -> tuple[Stepped, np.ndarray]:
+    ) -> tuple[StepDerivatives, np.ndarray]:
         """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives by
         command and centre if `outside`."""
         n = self.plant.n

@@ -346,7 +346,7 @@ def model_rows(filter: RecursiveFilter) -> DerivativeRows:
     return DerivativeRows(key, lambda: trace(once, n + m, size, name="model"), repeated=True)
 
 
-class Stepped(NamedTuple):
+class StepDerivatives(NamedTuple):
     """One step. Derivatives are by memory (s), measurement (p), command (k) and centre (n + k, m), in this order."""
 
     u: _Dual  # input (N, m)
@@ -435,7 +435,7 @@ class SampledController:
         fixed: np.ndarray | None = None,
         started: float | np.ndarray = 1.0,
         outside: bool = True,
-    ) -> Stepped:
+    ) -> StepDerivatives:
         """One step for N rows of memory (N, s), measurement (N, p) and command (N, k) of the tracked positions: over
         the interval that ends now, or at this sample of a moving reference.
 
@@ -484,7 +484,7 @@ class SampledController:
         )
         if self.estimator is not None:
             after = stacked((beliefs or self._ahead(belief, u, held))[0], after)
-        return Stepped(u, deviation, after)
+        return StepDerivatives(u, deviation, after)
 
     def _ahead(self, belief: _Dual, waiting: _Dual, held: np.ndarray) -> list[_Dual]:
         # beliefs after each of the waiting inputs, of which the last one acts first

@@ -77,7 +77,7 @@ PROBE = 100
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column of the table; its kind is own, parameter, metric, `PART` or trace."""
 
     name: str
@@ -166,18 +166,18 @@ class Campaign:
         return range(batch * self.batch, min((batch + 1) * self.batch, self.samples))
 
     @cached_property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[TableColumn, ...]:
         """Columns of the table, in their order."""
         units, plant = self.draw.units, self.loop.true_plant.units
         return (
-            *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
-            *(Column(name, "parameter", units.get(name, "")) for name in self._first.row()),
+            *(TableColumn(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
+            *(TableColumn(name, "parameter", units.get(name, "")) for name in self._first.row()),
             *(
-                Column(name, PART if name in metric.parts else "metric", unit)
+                TableColumn(name, PART if name in metric.parts else "metric", unit)
                 for metric in self.metrics
                 for name, unit in metric.units.items()
             ),
-            *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals),
+            *(TableColumn(TRACE + name, "trace", plant.get(name, "")) for name in self.signals),
         )
 
     def loop_of(self, sample: Sample) -> Loop:

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
-from flexhinf.campaign.samples import Columns, Numbered, Sample, SampleColumns, UniformColumns
+from flexhinf.campaign.samples import Columns, NumberedParameters, Sample, SampleColumns, UniformColumns
 from flexhinf.codegen.noise import ARRAYS, philox, seed_key
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.notebook import StatedRepr
@@ -329,7 +329,7 @@ class FunctionDraw(Draw):
         if is_library_code(self.function):
             generators = cast("np.random.Generator", UniformColumns(seed, _FUNCTIONS, indices))
             columns = self.function(generators)
-            assert isinstance(columns, Numbered)  # of N robots at once: each value is an array
+            assert isinstance(columns, NumberedParameters)  # of N robots at once: each value is an array
             return SampleColumns(cast("Columns", columns.numbers), cast("Columns", columns))
         bit_generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
         values = [self.function(np.random.Generator(bits)) for bits in bit_generators]

@@ -32,13 +32,13 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from flexhinf.campaign.batches import LARGEST_BATCH, OWN, TRACED, Campaign, Column, Rows
+from flexhinf.campaign.batches import LARGEST_BATCH, OWN, TRACED, Campaign, Rows, TableColumn
 from flexhinf.campaign.draws import Tolerances, sample_seeds
 from flexhinf.campaign.manifest import (
     KIND,
     MOST_BYTES,
     UNREADABLE,
-    About,
+    CampaignFacts,
     Manifest,
     check_own_folder,
     differing,
@@ -150,10 +150,10 @@ class Journal:
     folder: Path
     settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
     digest: str  # Digest of the settings and of the columns
-    columns: tuple[Column, ...]  # Of the shards
+    columns: tuple[TableColumn, ...]  # Of the shards
     time: np.ndarray  # (T,). Instants at which signals are kept, s
     command: Sequence[str] = ()  # Command that made the campaign, for the reports
-    about: About = field(default_factory=About)  # Further information from when it was made
+    about: CampaignFacts = field(default_factory=CampaignFacts)  # Further information from when it was made
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
@@ -177,7 +177,7 @@ class Journal:
                 "a copy of it, or another folder",
             ) from error
         return Journal(
-            place, stated["settings"], stated["digest"], tuple(Column(*column) for column in stated["columns"]),
+            place, stated["settings"], stated["digest"], tuple(TableColumn(*column) for column in stated["columns"]),
             np.array(stated["time_s"], dtype=float), stated["command"], stated["about"],
         )  # fmt: skip
 
@@ -201,7 +201,7 @@ class Journal:
         folder: str | os.PathLike[str],
         campaign: Campaign,
         command: Sequence[str] = (),
-        about: About | None = None,
+        about: CampaignFacts | None = None,
     ) -> Journal:
         """Open the journal of a campaign in a folder: a new one, or the one there to continue.
 

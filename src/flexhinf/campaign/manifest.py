@@ -38,7 +38,7 @@ MOST_BYTES = 10_000_000
 Json: TypeAlias = bool | float | str | Sequence["Json"] | Mapping[str, "Json"] | None
 
 
-class About(TypedDict, total=False):
+class CampaignFacts(TypedDict, total=False):
     """What a campaign says of itself beside its settings, for reports and replays."""
 
     title: str
@@ -54,7 +54,7 @@ class Manifest(TypedDict):
     digest: str
     command: list[str]
     settings: dict[str, str]
-    about: About
+    about: CampaignFacts
     columns: list[list[str]]  # name, kind and unit of each
     time_s: list[float]
 

@@ -32,7 +32,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
-from flexhinf.loop.simulation.metrics import MIN_TRAVEL, TAIL, Command, Place, band_of
+from flexhinf.loop.simulation.metrics import MIN_TRAVEL, TAIL, CommandFacts, Place, band_of
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import one_of, value_text
 
@@ -107,7 +107,7 @@ def _update(places: Sequence[Place], kept: Elements, now: Instant) -> Elements:
     return np.array(updated)
 
 
-def _result(places: Sequence[Place], kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _result(places: Sequence[Place], kept: np.ndarray, command: CommandFacts) -> dict[str, np.ndarray]:
     states = kept[2:].reshape(len(places), len(_EMPTY), kept.shape[1])
     last = np.array([command.last[place.command] for place in places])
     return {"unstable": _unstable(states[:, 1:], last[:, None] - states[:, 0]).astype(float)}

@@ -18,7 +18,7 @@ from flexhinf.validation import NotReadable, access_to
 if TYPE_CHECKING:
     from pyarrow import Array, ChunkedArray, Schema, Table
 
-    from flexhinf.campaign.batches import Column
+    from flexhinf.campaign.batches import TableColumn
 
 #: How the table is written, and a batch, whose numbers hardly get smaller by zstd, which takes half of the time: the
 #: same rows have the same bytes.
@@ -48,7 +48,7 @@ def read_columns(path: Path, names: Sequence[str] | None = None) -> Table:
         ) from error
 
 
-def row_schema(columns: Sequence[Column], instants: int) -> Schema:
+def row_schema(columns: Sequence[TableColumn], instants: int) -> Schema:
     """Arrow schema of rows with these columns; kept signals are lists of so many numbers."""
     import pyarrow as pa
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
+from flexhinf.campaign.batches import PART, TRACED, Campaign, TableColumn, rows_of
 from flexhinf.campaign.journal import READERS, Journal
 from flexhinf.campaign.manifest import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, MetricLimit
@@ -104,7 +104,10 @@ class StoredColumns(Mapping[str, np.ndarray]):
 
 
 def labelled(
-    rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
+    rows: Mapping[str, np.ndarray],
+    columns: Sequence[TableColumn],
+    time: np.ndarray,
+    settings: Mapping[str, str],
 ) -> xr.Dataset:
     """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead.
 
@@ -133,7 +136,7 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 class CampaignTable:
     """Rows of a campaign: its columns, their values by name, and the settings that the rows depend on."""
 
-    described: Sequence[Column]
+    described: Sequence[TableColumn]
     columns: Mapping[str, np.ndarray]  # (N,); NaN where a row has no number
     settings: Mapping[str, str]
 
@@ -469,9 +472,9 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
             "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
         )
     described = [
-        Column("sample", "own"),
+        TableColumn("sample", "own"),
         *(
-            Column(str(name), array.attrs.get("kind", ""), array.attrs.get("units", ""))
+            TableColumn(str(name), array.attrs.get("kind", ""), array.attrs.get("units", ""))
             for name, array in source.data_vars.items()
         ),
     ]

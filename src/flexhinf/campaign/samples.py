@@ -15,7 +15,7 @@ from flexhinf.plant import BlackBox, Plant
 
 
 @runtime_checkable
-class Numbered(Protocol):
+class NumberedParameters(Protocol):
     """Parameters that say which numbers stand for them in a row: `flexhinf.Robot.draw` returns such ones."""
 
     @property
@@ -45,7 +45,7 @@ class Sample:
     def row(self) -> dict[str, float]:
         """The varied numbers of the sample, by the names of their columns."""
         stated = self.numbers
-        if stated is None and isinstance(self.parameters, Numbered):
+        if stated is None and isinstance(self.parameters, NumberedParameters):
             stated = self.parameters.numbers
         if stated is not None:
             return {name: float(value) for name, value in stated.items()}

@@ -23,10 +23,10 @@ from flexhinf.codegen.loops import (
     INT,
     LONG,
     VECTOR,
-    Function,
-    Text,
+    LoopText,
+    LoopVariable,
+    NativeFunction,
     Value,
-    Variable,
     new_module,
 )
 
@@ -155,13 +155,13 @@ def _places(sizes: dict[str, int]) -> dict[str, int]:
     return dict(zip([*sizes, "count"], np.cumsum([0, *sizes.values()]).tolist()))
 
 
-def kernel_of(shape: CellShape) -> Function:
+def kernel_of(shape: CellShape) -> NativeFunction:
     """The function with the fields `TASK`, and the shift that it calls."""
     layouts = (shape.whole, shape.value, *shape.quotients)
-    text = Text("bound_cells", _FIELDS, module=new_module())
-    _shift(Text("shift", "Coefficients Segments Lines T first last", True, text.module), layouts)
+    text = LoopText("bound_cells", _FIELDS, module=new_module())
+    _shift(LoopText("shift", "Coefficients Segments Lines T first last", True, text.module), layouts)
     _CellKernel(text, shape).write()
-    return Function(text)
+    return NativeFunction(text)
 
 
 def _largest(a: Value, even: bool) -> Value:
@@ -177,7 +177,7 @@ def _moved_by(a: Value, values: list[Value], degree: int) -> list[Value]:
     return values
 
 
-def _shift(text: Text, layouts: Sequence[MonomialLayout]) -> None:
+def _shift(text: LoopText, layouts: Sequence[MonomialLayout]) -> None:
     """P(t + a) by synthetic division, line after line.
 
     A segment is (variable, length, number of lines, place of the lines); a line has length + 1 places of
@@ -201,7 +201,7 @@ class _CellKernel:
     """The text of the kernel: rows, tables and buffers of a group of cells, and what is done to the polynomials in
     them."""
 
-    def __init__(self, text: Text, shape: CellShape) -> None:
+    def __init__(self, text: LoopText, shape: CellShape) -> None:
         self.text, self.shape = text, shape
         self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
         self.zero = text.number(0.0, VECTOR)
@@ -256,7 +256,9 @@ class _CellKernel:
     def kept(self, place: str, group: MonomialGroup, b: Value) -> list[Value]:
         return [self.low_place(place, group, b, p).row() for p in range(self.top + 1)]
 
-    def about_middle(self, layout: MonomialLayout, place: str, lift: int = 0) -> tuple[Variable, Variable]:
+    def about_middle(
+        self, layout: MonomialLayout, place: str, lift: int = 0
+    ) -> tuple[LoopVariable, LoopVariable]:
         """V, or with `lift` 2 r/ρ², about the middle of the cell in the cell's own variables.
 
         The value there is an output, the low coefficients stand in their buffer. Returned are sums of what the others
@@ -387,7 +389,7 @@ class _CellKernel:
         with self.text.when(undecided.somewhere()):
             self._scores()
 
-    def _multipliers(self, allowance: Variable) -> None:
+    def _multipliers(self, allowance: LoopVariable) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
         shape, text = self.shape, self.text
         best = text.variable(self.constant(float("inf")))

@@ -409,7 +409,7 @@ SHARE, SAMPLES = 0.8, 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Slice:
+class SurfaceSlice:
     """V and r + αV (B, A) on a surface through the goal with the coordinates `across` (A,) and `up` (B,)."""
 
     across: np.ndarray
@@ -431,7 +431,7 @@ class Slice:
 
 
 @dataclass(frozen=True, eq=False)
-class StartSurface(Slice):
+class StartSurface(SurfaceSlice):
     """Equilibria at −a with an integrator at e, where steps from rest to rest start: `across` is a, `up` is e.
 
     `paths` are a and e (N, 2) of the proved starts, in the order of the certificate's.
@@ -441,7 +441,7 @@ class StartSurface(Slice):
 
 
 @dataclass(frozen=True, eq=False)
-class LimitSlice(Slice):
+class LimitSlice(SurfaceSlice):
     """The plane through the goal, the point that limits the sampled level (`up` = 1) and a second point (`across` = 1).
 
     The second point is the largest proved start. If that is nearly in line with the first, one state is set to 1

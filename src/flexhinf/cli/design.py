@@ -457,7 +457,7 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
     return 0 if result.proved else NOT_MET
 
 
-def _run_settings(o: options.RunOptions) -> dict[str, Any]:
+def _run_settings(o: options.RunDesignOptions) -> dict[str, Any]:
     """Options of a run that its page names among the settings."""
     named = {
         "design": o.source,
@@ -469,8 +469,8 @@ def _run_settings(o: options.RunOptions) -> dict[str, Any]:
     }
 
 
-@with_options(lambda: (options.RunOptions, options.RUN_FIELDS))
-def run_design(context: typer.Context, o: options.RunOptions) -> int:
+@with_options(lambda: (options.RunDesignOptions, options.RUN_FIELDS))
+def run_design(context: typer.Context, o: options.RunDesignOptions) -> int:
     """Drive the robot in MuJoCo with the controller of a design, in real time.
 
     By default it makes the step of the design, or its move: what no option states

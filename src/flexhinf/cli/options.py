@@ -377,7 +377,7 @@ class CompileOptions(MachineOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(PointOptions, VerboseOptions):
+class RunDesignOptions(PointOptions, VerboseOptions):
     """Options of ``flexhinf run``."""
 
     source: Text = argument(

@@ -40,7 +40,7 @@ IDLE = {
 }
 
 
-def run_node(context: typer.Context, o: options.RunOptions, path: Path) -> int:
+def run_node(context: typer.Context, o: options.RunDesignOptions, path: Path) -> int:
     """Run the node until Ctrl-C, a fault or the end of the duration; returns the exit code."""
     import numpy as np
 

@@ -26,7 +26,7 @@ from __future__ import annotations
 from flexhinf.codegen.compiler import (
     BoundKernel as BoundKernel,
     Kernel as Kernel,
-    Status as Status,
+    RunStatus as RunStatus,
     compile_program as compile_program,
 )
 from flexhinf.codegen.compose import (
@@ -38,8 +38,8 @@ from flexhinf.codegen.compose import (
 from flexhinf.codegen.memory import (
     Block as Block,
     Buffer as Buffer,
+    BufferPart as BufferPart,
     Columns as Columns,
-    Part as Part,
     Slice as Slice,
     aligned as aligned,
 )

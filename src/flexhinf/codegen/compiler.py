@@ -147,7 +147,7 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
 
 
 @dataclass(frozen=True, eq=False)
-class Status:
+class RunStatus:
     """How a run ended.
 
     `code`: 0, or the code of the first `Guard` that failed; an array (lanes,) when the kernel has several.
@@ -186,7 +186,7 @@ class Kernel:
         if code is not None:
             self._entry, self._short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
-    def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> Status:
+    def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> RunStatus:
         """Check the arrays, run once, and return how it ended.
 
         `arrays`: One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in place.
@@ -458,12 +458,12 @@ class BoundKernel(partial[int]):
     outcome: np.ndarray
 
     @property
-    def status(self) -> Status:
+    def status(self) -> RunStatus:
         """Status of the last call."""
         if len(self.outcome) == 2:
-            return Status(*self.outcome.tolist())
+            return RunStatus(*self.outcome.tolist())
         codes, steps = self.outcome.reshape(2, -1)
-        return Status(codes.copy(), steps.copy())
+        return RunStatus(codes.copy(), steps.copy())
 
 
 def fingerprint(program: Program) -> str:

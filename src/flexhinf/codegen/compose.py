@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
-from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Part, Slice
+from flexhinf.codegen.memory import COLUMN, Block, Buffer, BufferPart, Order, Slice
 from flexhinf.codegen.naming import argument_names, documentation, function_name, names_of, result_names
 from flexhinf.codegen.program import (
     Call,
@@ -179,7 +179,7 @@ class Composer:
     def __init__(self) -> None:
         self.body: list[Step] = []
         self.size = 0  # numbers of scratch memory so far
-        self.parts: list[Part] = []
+        self.parts: list[BufferPart] = []
         self._names = Counter[str]()
         self._about = ""
         self._pieces = dict[Hashable, TracedPiece]()
@@ -200,7 +200,7 @@ class Composer:
         size = prod(shape)
         if not size:
             return Block(None, shape, order)
-        self.parts.append(Part(name or self._new_name("part"), self.size, self._about))
+        self.parts.append(BufferPart(name or self._new_name("part"), self.size, self._about))
         self._about = ""
         self.size += size
         return Block(Slice(self.scratch, self.size - size, size), shape, order)

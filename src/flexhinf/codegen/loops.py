@@ -2,8 +2,8 @@
 
 For what a `Program` does not say, reads through tables of places: the HJI solver's contractions, the checker's cells.
 Memory, comparisons, choices and loops are lines of `emit.writer`, and arithmetic stands in the table of `operations`,
-as for programs. The body of a function is written once, by Python that calls the methods of `Text`; Python's own loops
-unroll. Numbers that change are variables; LLVM keeps them in registers.
+as for programs. The body of a function is written once, by Python that calls the methods of `LoopText`; Python's own
+loops unroll. Numbers that change are variables; LLVM keeps them in registers.
 
     text = Text("scale", "X n")                   # the fields of a task: 64 bits each
     x, n = text.fields()
@@ -40,7 +40,7 @@ _OWN = {VECTOR: 8 * LANES}  # what rows and variables of vectors begin at a mult
 class Value:
     """A value of the text: its LLVM type and name."""
 
-    text: Text
+    text: LoopText
     kind: str
     name: str
 
@@ -136,7 +136,7 @@ class Value:
         return self.text.lines if self.kind == "i1" else self.text.writer(VECTOR)
 
 
-class Variable:
+class LoopVariable:
     """A number that changes."""
 
     def __init__(self, value: Value) -> None:
@@ -158,7 +158,7 @@ class Variable:
         self.set(self.get() + value)
 
 
-class Text:
+class LoopText:
     """The text of one function, whose only argument is the address of its task: fields of 64 bits each.
 
     A field is an address if its name begins with a capital, a double if it begins with "=", else an integer. `part`: A
@@ -213,13 +213,13 @@ class Text:
         """The address of memory that lives as long as the call."""
         return Value(self, "ptr", self.lines.allocate(f"{kind}, i64 {size}"))
 
-    def variable(self, value: Value | int) -> Variable:
+    def variable(self, value: Value | int) -> LoopVariable:
         """A number that begins with `value` and changes."""
-        return Variable(self.number(value))
+        return LoopVariable(self.number(value))
 
-    def sum(self) -> Variable:
+    def sum(self) -> LoopVariable:
         """A vector that begins with zeros and changes."""
-        return Variable(self.number(0.0, VECTOR))
+        return LoopVariable(self.number(0.0, VECTOR))
 
     @contextmanager
     def loop(self, start: Value | int, stop: Value | int, step: int = 1) -> Generator[Value, None, None]:
@@ -252,13 +252,13 @@ def new_module() -> ModuleText:
     return ModuleText(Lanes(LANES), machine.host().fused)
 
 
-class Function:
+class NativeFunction:
     """A function of this process from LLVM text. It is called without the interpreter, so threads run it at a time.
 
     `source`: Its module is that of all that it calls.
     """
 
-    def __init__(self, source: Text) -> None:
+    def __init__(self, source: LoopText) -> None:
         from flexhinf.codegen import machine
         from flexhinf.codegen.compiler import cached
 

@@ -31,7 +31,7 @@ COLUMN = "column"
 
 
 @dataclass(frozen=True)
-class Part:
+class BufferPart:
     """A part of a buffer, up to the next one, by its name, for readers of C.
 
     `name`: In capitals, it is a constant that the C has for the place. `offset`: Where it begins. `about`: What is done
@@ -60,7 +60,7 @@ class Buffer:
     role: Role
     shared: bool = False
     cleared: bool = True
-    parts: tuple[Part, ...] = ()
+    parts: tuple[BufferPart, ...] = ()
 
     def __post_init__(self) -> None:
         check_identifier(self.name, "buffer")

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias, get_args
 from flexhinf.codegen.memory import (
     COLUMN,
     Buffer,
+    BufferPart,
     Cholesky,
     Columns,
     Householder,
     OuterSum,
-    Part,
     Polynomial,
     Residual,
     Slice,
@@ -174,7 +174,7 @@ class Normal:
 class Guard:
     """Stop unless every element is finite.
 
-    `code`: Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
+    `code`: Positive; becomes the `RunStatus.code`, beside the index of the outermost loop (0 outside of loops).
     """
 
     source: Slice
@@ -246,7 +246,7 @@ class Sweep:
     inputs: tuple[tuple[Columns, Slice], ...]
     outputs: tuple[tuple[Columns, Slice], ...]
     size: int
-    parts: tuple[Part, ...] = ()
+    parts: tuple[BufferPart, ...] = ()
 
     def __post_init__(self) -> None:
         pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))

@@ -24,7 +24,7 @@ import casadi
 
 from flexhinf.codegen.cut import Filling, pieces
 from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
-from flexhinf.codegen.memory import Buffer, Part, Slice
+from flexhinf.codegen.memory import Buffer, BufferPart, Slice
 from flexhinf.codegen.operations import OPERATIONS, SELECT
 from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, TracedStage, When
 from flexhinf.scalars.trace import built
@@ -345,7 +345,7 @@ class _Functions:
         steps: tuple[Step, ...] = tuple(before)
         if self.flag is not None:
             steps += (When(Slice(self.buffer, self.place[self.flag], 1), tuple(_repeated(rare))),)
-        parts = tuple(Part(name, self.begin[name], about.get(name, "")) for name in self.parts)
+        parts = tuple(BufferPart(name, self.begin[name], about.get(name, "")) for name in self.parts)
         passes = self.size > 0
         scratch = (Buffer(self.buffer, self.size, "work", cleared=False, parts=parts),) if passes else ()
         return (*steps, *after, *self.copies), scratch

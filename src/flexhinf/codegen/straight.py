@@ -21,7 +21,7 @@ import casadi
 from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.cut import Filling, lines_of
-from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice, overlap
+from flexhinf.codegen.memory import COLUMN, Buffer, BufferPart, Columns, Slice, overlap
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -364,7 +364,7 @@ def _column(piece: Columns, c: int) -> list[Place]:
 
 
 # Memory ---------------------------------------------------------------------------------------------
-def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]) -> Program:
+def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, BufferPart]) -> Program:
     """The steps with the memory between them moved together, without what no step uses any more; parts have names."""
     free = {buffer.name for buffer in whole.buffers if buffer.name == SCRATCH}
     used = {
@@ -380,7 +380,7 @@ def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
     def at(piece: Slice) -> Slice:
         return replace(piece, offset=moved[piece.buffer, piece.offset][1]) if piece.buffer in free else piece
 
-    def parts(buffer: Buffer) -> tuple[Part, ...]:
+    def parts(buffer: Buffer) -> tuple[BufferPart, ...]:
         own = [named[buffer.name, part.offset] for part in buffer.parts]
         if buffer.name not in free:
             return tuple(own)

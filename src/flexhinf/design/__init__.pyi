@@ -31,7 +31,7 @@ from .proved_step import ProvedLaw as ProvedLaw, search_proved_step as search_pr
 from .requirements import Requirement as Requirement
 from .result import Design as Design
 from .specification import Specification as Specification
-from .status import Status as Status
+from .status import StatusEntries as StatusEntries
 from .stored import (
     StoredReport as StoredReport,
     known_design as known_design,

@@ -31,7 +31,7 @@ from flexhinf.campaign import (
     run_in_memory,
 )
 from flexhinf.campaign.journal import check_own_folder
-from flexhinf.campaign.manifest import UNREADABLE, About, differing, listed
+from flexhinf.campaign.manifest import UNREADABLE, CampaignFacts, differing, listed
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, design_file
 from flexhinf.design.deployed_run import DesignCampaign, DesignedLaw, PoseCampaign
@@ -175,7 +175,7 @@ def _begun(
     write_file(file, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     request.store(designed.law, setup)
     campaign = request.campaign(replace(designed, law=request.stored(setup)))
-    about: About = {
+    about: CampaignFacts = {
         "title": f"Campaign of the robot “{design.robot.name}”",
         "requirements": list(request.requirements),
         "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},

@@ -14,7 +14,7 @@ from flexhinf.campaign import Metrics
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import LONGEST, JointLimits
 from flexhinf.loop import EnsembleResult, Instant, Reduction
-from flexhinf.loop.simulation.metrics import Command, step_reduction, updated_late_error, updated_peak
+from flexhinf.loop.simulation.metrics import CommandFacts, step_reduction, updated_late_error, updated_peak
 from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import where
 
@@ -214,7 +214,7 @@ def _sizes(
 
 
 def _named_sizes(
-    n: int, columns: Sequence[int] | None, kept: np.ndarray, command: Command
+    n: int, columns: Sequence[int] | None, kept: np.ndarray, command: CommandFacts
 ) -> dict[str, np.ndarray]:
     parts = ("goal" if columns is None else "tracking_error", "late_error", "effort", "speed")
     named = {name: kept[k * n : (k + 1) * n].T for k, name in enumerate(parts) if name != "goal"}
@@ -241,7 +241,7 @@ def _changes(n: int, period: float, kept: Any, now: Instant) -> Any:
     return np.array([*now.input, *rates, *fastest, *map(updated_peak, strongest, accelerations)])
 
 
-def _named_changes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _named_changes(n: int, kept: np.ndarray, command: CommandFacts) -> dict[str, np.ndarray]:
     return {"rate": kept[2 * n : 3 * n].T, "acceleration": kept[3 * n :].T}
 
 

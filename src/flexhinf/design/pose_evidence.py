@@ -17,7 +17,7 @@ from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import Specification
-from flexhinf.design.status import Status, in_brackets
+from flexhinf.design.status import StatusEntries, in_brackets
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.hinf import HJISolution
 from flexhinf.notebook import Summarised
@@ -46,7 +46,7 @@ class PoseEvidence(Judged, Summarised):
     payloads: tuple[checks.PayloadEvaluation, ...] = ()
     law_modes: tuple[modes.Mode, ...]  # Of the law alone: continuous, with the true state fed back
     requirements: tuple[Requirement, ...]
-    status: Status
+    status: StatusEntries
 
     @property
     def step_proof(self) -> certification.StepProof:

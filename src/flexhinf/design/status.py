@@ -23,7 +23,7 @@ NOISE_FRACTION = 0.05
 
 
 @dataclass(frozen=True)
-class Status:
+class StatusEntries:
     """The first lines of a report."""
 
     # not_met: requirements that the loop fails; not_proved: claims that were only sampled or searched
@@ -55,7 +55,7 @@ def status_of(
     worth: certification.Attenuation,
     inside: bool | None,
     proof: certification.DesignProof,
-) -> Status:
+) -> StatusEntries:
     """The status of a design."""
     setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.shows_degrees(setup.robot)
@@ -73,7 +73,7 @@ def status_of(
     unproved = certification.step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
         unproved = (*unproved, "the dissipation budget of the step does not last")
-    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
+    return StatusEntries(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.loop import Controller
 
 
-class Code(NamedTuple):
+class ReturnCode(NamedTuple):
     """A return value: what happened, and what the caller does."""
 
     value: int
@@ -20,61 +20,61 @@ class Code(NamedTuple):
 
 #: By the end of its constant's name; in the order in which a step decides: the first that holds is returned.
 CODES = {
-    "NOT_INITIALISED": Code(
+    "NOT_INITIALISED": ReturnCode(
         8,
         "the state was not initialised: the output is that before the first sample",
         "call `{name}_init` or `{name}_start`",
     ),
-    "BAD_ARITHMETIC": Code(
+    "BAD_ARITHMETIC": ReturnCode(
         9,
         "the compiler's flags change results: nothing is computed",
         "do not enable the drives; change the flags",
     ),
-    "BAD_PERIOD": Code(
+    "BAD_PERIOD": ReturnCode(
         11,
         "the steps are called at another period, by over a tenth in the mean of some 32 of `input.elapsed`: nothing "
         "is computed, the last output is held",
         "brake; mend the timer; begin again with `{name}_start`",
     ),
-    "WAITING": Code(
+    "WAITING": ReturnCode(
         7,
         "no measurement since the start: nothing changed, the output is that before the first sample",
         "wait; brake if it lasts",
     ),
-    "STOPPED": Code(
+    "STOPPED": ReturnCode(
         6,
         "too many samples without a measurement: the last output is held",
         "brake; begin again with `{name}_start`",
     ),
-    "BAD_MEASUREMENT": Code(
+    "BAD_MEASUREMENT": ReturnCode(
         1,
         "without an estimator, a measurement is not finite: nothing changed, the last output is held",
         "brake if it lasts",
     ),
-    "BAD_COMMAND": Code(
+    "BAD_COMMAND": ReturnCode(
         2,
         "a command is not finite: the measurement was not used, which counts as none, the estimate stays as it was, "
         "and the last output is held",
         "nothing once; brake if it lasts: with an estimator too many in a row become STOPPED",
     ),
-    "WENT_BACK": Code(
+    "WENT_BACK": ReturnCode(
         4,
         "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago, or to the start if there "
         "were fewer",
         "brake; begin again with `{name}_start`",
     ),
-    "BAD_RESULT": Code(
+    "BAD_RESULT": ReturnCode(
         3,
         "a result is not finite: nothing changed, the last output is held",
         "nothing once; it becomes WENT_BACK if it lasts",
     ),
-    "PREDICTED": Code(
+    "PREDICTED": ReturnCode(
         5,
         "no measurement in time: the estimate is predicted, the law acts on it",
         "nothing: too many in a row become STOPPED; brake if most samples are such",
     ),
-    "OK": Code(0, "all is well", "restart the watchdog"),
-    "BAD_START": Code(
+    "OK": ReturnCode(0, "all is well", "restart the watchdog"),
+    "BAD_START": ReturnCode(
         10,
         "at the start alone: an argument is not finite, and the state is not initialised",
         "do not enable the drives; mend the call",

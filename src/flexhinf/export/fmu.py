@@ -15,7 +15,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of
-from flexhinf.export.fmu_archive import DOUBLE, Fmu, Variable, write_fmu
+from flexhinf.export.fmu_archive import DOUBLE, Fmu, FmuVariable, write_fmu
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.refusals import check_limits
 from flexhinf.loop import Controller
@@ -78,36 +78,36 @@ def export_fmu(
     starts = [f"start.{name}" for name in (() if belief is None else x)]
     first = np.zeros(len(x)) if belief is None else belief
     rows = (
-        _Rows("measured", "input", y, measured),
-        _Rows("command", "input", r, c.operating_reference),
-        _Rows("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
-        _Rows("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
-        _Rows(
+        _VariablesOfKind("measured", "input", y, measured),
+        _VariablesOfKind("command", "input", r, c.operating_reference),
+        _VariablesOfKind("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
+        _VariablesOfKind("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
+        _VariablesOfKind(
             "start",
             "parameter",
             x[: len(starts)],
             first[: len(starts)],
             "where the estimate begins: the robot must be there",
         ),
-        _Rows(
+        _VariablesOfKind(
             "u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]
         ),
-        _Rows("estimate", "output", x, first, "", [(start,) for start in starts]),
+        _VariablesOfKind("estimate", "output", x, first, "", [(start,) for start in starts]),
     )
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
-        Variable(
+        FmuVariable(
             "path_rate", "output", 1.0, about="fraction of a period by which the time along a path advances"
         ),
-        Variable(
+        FmuVariable(
             "missing_limit",
             "parameter",
             MISSING_LIMIT if code.predicts else 0,
             kind="Integer",
             about="samples without a measurement until the output is held",
         ),
-        Variable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
-        Variable(
+        FmuVariable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
+        FmuVariable(
             "status",
             "output",
             0,
@@ -115,8 +115,11 @@ def export_fmu(
             about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate, following error, "
             "blocked",
         ),
-        *(Variable(name, "output", 0, kind="Integer", about=about) for name, about in _counts(code).items()),
-        Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
+        *(
+            FmuVariable(name, "output", 0, kind="Integer", about=about)
+            for name, about in _counts(code).items()
+        ),
+        FmuVariable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
     values = dict(
         code.values,
@@ -191,12 +194,12 @@ def export_plant_fmu(
     ]
     starts = [f"start.{label}" for label in plant.states]
     rows = (
-        _Rows("u", "input", plant.inputs, acting),
-        _Rows("disturbance", "input", plant.disturbances, np.zeros(sizes[1])),
-        _Rows("parameter", "parameter", labels, parameters),
-        _Rows("start", "parameter", plant.states, start, "where the robot begins"),
-        _Rows("measured", "output", plant.outputs, measured, "", _needed(plant, starts, labels)),
-        _Rows("state", "output", plant.states, start, "", [(label,) for label in starts]),
+        _VariablesOfKind("u", "input", plant.inputs, acting),
+        _VariablesOfKind("disturbance", "input", plant.disturbances, np.zeros(sizes[1])),
+        _VariablesOfKind("parameter", "parameter", labels, parameters),
+        _VariablesOfKind("start", "parameter", plant.states, start, "where the robot begins"),
+        _VariablesOfKind("measured", "output", plant.outputs, measured, "", _needed(plant, starts, labels)),
+        _VariablesOfKind("state", "output", plant.states, start, "", [(label,) for label in starts]),
     )
     variables = _variables(rows, plant.unit)
     steps = sub_steps(period, plant.fastest_mode(start))
@@ -241,7 +244,7 @@ def _start(start: Numbers, names: Sequence[str], what: str) -> np.ndarray:
     return values
 
 
-class _Rows(NamedTuple):
+class _VariablesOfKind(NamedTuple):
     """Variables of a kind: prefix of their names, causality, start values, description, and what each starts from."""
 
     prefix: str
@@ -252,9 +255,9 @@ class _Rows(NamedTuple):
     starts_from: Sequence[tuple[str, ...] | None] | None = None
 
 
-def _variables(rows: Iterable[_Rows], unit: Callable[[str], str]) -> list[Variable]:
+def _variables(rows: Iterable[_VariablesOfKind], unit: Callable[[str], str]) -> list[FmuVariable]:
     return [
-        Variable(
+        FmuVariable(
             f"{row.prefix}.{name}",
             row.causality,
             float(value),

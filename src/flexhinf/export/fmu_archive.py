@@ -31,7 +31,7 @@ PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86
 
 
 @dataclass(frozen=True)
-class Variable:
+class FmuVariable:
     """A variable of a model; the C has it at its place among those of its kind.
 
     `starts_from`: Names of the variables that determine an output at the start; None where it is `start` whatever they
@@ -59,7 +59,7 @@ class Fmu:
     name: str
     about: str
     period: float
-    variables: Sequence[Variable]
+    variables: Sequence[FmuVariable]
     header: str
     values: Mapping[str, object]
     sources: Mapping[str, str]
@@ -165,7 +165,7 @@ def _description(fmu: Fmu, fmi: str) -> dict[str, object]:
     }
 
 
-def _references(variables: Sequence[Variable], fmi: str) -> dict[str, int]:
+def _references(variables: Sequence[FmuVariable], fmi: str) -> dict[str, int]:
     """References by name: in FMI 2.0 each kind counts from zero, in 3.0 they follow each other."""
     chosen: dict[str, int] = {}
     for kind in ("Real", "Integer", "Boolean"):
@@ -175,7 +175,7 @@ def _references(variables: Sequence[Variable], fmi: str) -> dict[str, int]:
     return chosen
 
 
-def _entry(variable: Variable, reference: int, kinds: Mapping[str, str]) -> dict[str, object]:
+def _entry(variable: FmuVariable, reference: int, kinds: Mapping[str, str]) -> dict[str, object]:
     """The element of a variable; one that is computed at the start has no start value of its own."""
     kind, causality = variable.kind, variable.causality
     begin = str({"Real": float, "Integer": int, "Boolean": bool}[kind](variable.start)).lower()

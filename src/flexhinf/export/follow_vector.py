@@ -96,7 +96,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Session:
+class FollowerTrial:
     """A follower with the goals and events that it is tested with.
 
     `follower`: With options of its own, whose times end between samples, so that no rounding decides.
@@ -166,7 +166,7 @@ class Session:
         return self.partial(joints, [0.2], [0.0], 1, positions=[far[::-1]], begins=begins)
 
 
-def session_of(code: ControllerCode) -> Session:
+def session_of(code: ControllerCode) -> FollowerTrial:
     """The session of a controller that follows trajectories: beside its robot's home, within the joints' ranges."""
     own = follower_of(code)
     assert own is not None
@@ -184,10 +184,10 @@ def session_of(code: ControllerCode) -> Session:
         goal_time=(count // 2 + 0.41) * own.period,
         timeout=(count + 0.41) * own.period,
     )
-    return Session(follower, home, way)
+    return FollowerTrial(follower, home, way)
 
 
-def events(session: Session) -> list[Event]:
+def events(session: FollowerTrial) -> list[Event]:
     """Goals at rest, at speed, past and future ones; slowed, braked, cancelled, refused, partial; and each end."""
     at, goal, n = session.at, session.goal, len(session.way)
     first, last = session.follower.robot.joint_names[0], session.follower.robot.joint_names[-1]
@@ -282,7 +282,7 @@ def events(session: Session) -> list[Event]:
     ]
 
 
-def refusals(session: Session) -> list[FollowGoal]:
+def refusals(session: FollowerTrial) -> list[FollowGoal]:
     """Goals that `Follower.check` refuses, each for one reason, between some that it takes."""
     own = session.follower
     joints, period, (low, high) = own.robot.joint_names, own.period, own.ranges
@@ -388,7 +388,7 @@ def follow_test_values(code: ControllerCode) -> dict[str, object]:
 
 
 def _played(
-    session: Session, happens: Sequence[Event]
+    session: FollowerTrial, happens: Sequence[Event]
 ) -> tuple[list[FollowMotion], list[tuple[int, int]], list[int]]:
     """Samples, what each of them says, and the answers to events."""
     follower, n = session.follower, len(session.way)
@@ -415,7 +415,7 @@ def _played(
     return samples, says, answers
 
 
-def _rows(session: Session, samples: Sequence[FollowMotion]) -> np.ndarray:
+def _rows(session: FollowerTrial, samples: Sequence[FollowMotion]) -> np.ndarray:
     """What the program compares of samples: state, input, places and velocities."""
     motions, positions, velocities, _ = map(np.array, zip(*samples))
     state, u = session.follower.robot.inverse_dynamics(*motions.transpose(1, 0, 2))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.codegen import Part
+from flexhinf.codegen import BufferPart
 from flexhinf.export.names import (
     MEMORY,
     ROWS,
@@ -144,18 +144,20 @@ class Places:
             for text, (_, k, unit) in zip(texts, named, strict=True)
         ]
 
-    def parts(self) -> dict[str, tuple[Part, ...]]:
+    def parts(self) -> dict[str, tuple[BufferPart, ...]]:
         """The parts of the buffers of the step's program."""
         whole = {*map(self._at, (*ROWS, *(("belief", "rejected") if self.belief() else ())))}
-        memory = tuple(Part(name, place) for name, place, _ in self._memory() if name not in whole)
+        memory = tuple(BufferPart(name, place) for name, place, _ in self._memory() if name not in whole)
         data = tuple(
-            Part(f"{self.prefix}_P_{name.upper()}", begin) for name, begin, size in self._pieces() if size
+            BufferPart(f"{self.prefix}_P_{name.upper()}", begin)
+            for name, begin, size in self._pieces()
+            if size
         )
         return {"memory": memory, "after": memory, "data": data}
 
     def elements(self) -> dict[str, list[str]]:
         """What the elements of the step's vectors are called in the source, by vector."""
-        parts = [*self.parts()["memory"], Part("", self.sizes["memory"])]
+        parts = [*self.parts()["memory"], BufferPart("", self.sizes["memory"])]
         memory = [
             part.name + f" + {k}" * (k > 0)
             for part, after in pairwise(parts)

@@ -126,7 +126,7 @@ ROWS, RING = 12, 7
 
 
 @dataclass(frozen=True)
-class Trial:
+class ProvokedRun:
     """A memory to go on from, with measurements `y` (K, p) and commands `r` (K, k), and from then on another noise."""
 
     memory: np.ndarray
@@ -176,8 +176,8 @@ def _with_memories(
     """With rows in which the controller goes on from other memories; `exact`: whether rounding of the C is that of
     Python. Then some may end in no finite number, and the last ones are without noise."""
 
-    def trials(memories: Iterator[np.ndarray], rows: int) -> list[Trial]:
-        return [Trial(memory, one.y[:rows], one.r[:rows]) for memory in memories]
+    def trials(memories: Iterator[np.ndarray], rows: int) -> list[ProvokedRun]:
+        return [ProvokedRun(memory, one.y[:rows], one.r[:rows]) for memory in memories]
 
     other = trials(_memories(controller, exact), EACH)
     if not exact:
@@ -205,7 +205,7 @@ def _tried(
     one: Provocation,
     controller: Controller,
     held: Callable[[np.ndarray], np.ndarray],
-    other: Sequence[Trial],
+    other: Sequence[ProvokedRun],
     exact: bool,
 ) -> Provocation:
     """With those memories behind that end alike with both roundings, each for all rows or for one. One of a single row
@@ -216,7 +216,7 @@ def _tried(
     def unseen(run: Recording, repeats: Sequence[int], before: int) -> list[int]:
         return samples_without(run.kinds, run.codes, repeats, judged, before)
 
-    def longer(trial: Trial, memory: np.ndarray, count: int, measured: bool) -> Provocation:
+    def longer(trial: ProvokedRun, memory: np.ndarray, count: int, measured: bool) -> Provocation:
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, trial.y[:count]]), np.vstack([one.r, trial.r[:count]])
         without = one.unmeasured if measured else (*one.unmeasured, len(one.y))
@@ -320,7 +320,7 @@ def _changed_memories(controller: Controller, memory: np.ndarray) -> Iterator[np
 
 def _mixed(
     one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray], memory: np.ndarray
-) -> Iterator[Trial]:
+) -> Iterator[ProvokedRun]:
     """Memories with many numbers changed, so that no two are equal and every choice is made in some of them, each with
     another row; but for counts, and tables and covariances of the estimator."""
     rng, places = np.random.default_rng(SEED), controller.memory.places
@@ -356,7 +356,7 @@ def _mixed(
         r = held(_short(one.r[other] * scaled + added))
         if "reference" in places and rng.uniform() < STANDING:
             changed[places["reference"]] = r[: places["reference"].stop - places["reference"].start]
-        yield Trial(changed, y[None], r[None])
+        yield ProvokedRun(changed, y[None], r[None])
 
 
 def _limits_of_counts(controller: Controller, numbers: np.ndarray, size: int) -> np.ndarray:
@@ -417,7 +417,7 @@ def _singular_memories(controller: Controller) -> Iterator[np.ndarray]:
                 yield memory
 
 
-def _singular_noises(one: Provocation, controller: Controller) -> Iterator[Trial]:
+def _singular_noises(one: Provocation, controller: Controller) -> Iterator[ProvokedRun]:
     """Likewise of each covariance of the noise, of a small memory."""
     memory = next(_memories(controller, True), None)
     if memory is None or memory.size > LARGE:
@@ -432,7 +432,7 @@ def _singular_noises(one: Provocation, controller: Controller) -> Iterator[Trial
         for covariance in nearly_singular(np.sqrt(one.numbers[part][:: n + 1]), SEED):
             numbers = one.numbers[noise]
             numbers[inside] = covariance.ravel()
-            yield Trial(memory, one.y[:1], one.r[:1], numbers)
+            yield ProvokedRun(memory, one.y[:1], one.r[:1], numbers)
 
 
 def _other_numbers(

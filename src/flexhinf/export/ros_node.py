@@ -89,7 +89,7 @@ def ros_packages() -> dict[str, ModuleType]:
 
 
 @dataclass(eq=False)
-class _Followed:
+class _OpenGoal:
     """A goal of the action until it is told how it ended."""
 
     handle: GoalHandle
@@ -176,8 +176,8 @@ class RosNode:
             ros.get("control_msgs.action"), "FollowJointTrajectory", None
         )
         self._lock = threading.Lock()
-        self._goals: list[_Followed] = []
-        self._open: dict[bytes, _Followed] = {}
+        self._goals: list[_OpenGoal] = []
+        self._open: dict[bytes, _OpenGoal] = {}
         self._served = (
             None
             if self._action is None
@@ -415,7 +415,7 @@ class RosNode:
     def _begin(self, handle: GoalHandle) -> None:
         wanted = self._wanted(handle.request)
         with self._lock:  # before the loop tells how it ended
-            goal = _Followed(handle, self.server.submit(wanted))
+            goal = _OpenGoal(handle, self.server.submit(wanted))
             self._goals.append(goal)
             self._open[bytes(handle.goal_id.uuid)] = goal
         handle.execute()

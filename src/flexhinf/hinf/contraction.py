@@ -27,8 +27,8 @@ from flexhinf.codegen.loops import (
     LANES,
     LONG,
     VECTOR,
-    Function,
-    Text,
+    LoopText,
+    NativeFunction,
     Value,
     fields,
     new_module,
@@ -44,7 +44,7 @@ _SLOTS = 5  # of a level in what `descend` reads: opening, its rows, offsets of 
 
 def _expand(module: ModuleText, height: int, rows: int) -> None:
     """`height` new indices of eight columns, for some rows at a time; each result begins at an offset of its own."""
-    text = Text(f"expand{height}", "X stride Opening rows M n Out Offsets", True, module)
+    text = LoopText(f"expand{height}", "X stride Opening rows M n Out Offsets", True, module)
     x, stride, opening, all_rows, m, n, out, offsets = text.fields()
 
     def some(row: Value, rows: int) -> None:
@@ -72,7 +72,7 @@ def _expand(module: ModuleText, height: int, rows: int) -> None:
 
 def _expansion(module: ModuleText, most: int, sums: int) -> None:
     """`expand` for any number of new indices up to `most`."""
-    text = Text("expand", "height X stride Opening rows M n Out Offsets", True, module)
+    text = LoopText("expand", "height X stride Opening rows M n Out Offsets", True, module)
     height, *others = text.fields()
     for h in text.cases(height, most):
         _expand(module, h, max(1, min(8, sums // h)))
@@ -82,7 +82,7 @@ def _expansion(module: ModuleText, most: int, sums: int) -> None:
 
 def _descent(module: ModuleText, most: int) -> None:
     """All new indices up to `highest` of eight columns, each with the columns from the first it may have on."""
-    text = Text("descend", "Context level X stride highest base low high", True, module)
+    text = LoopText("descend", "Context level X stride highest base low high", True, module)
     context, level, x, stride, highest, base, low, high = text.fields()
     n, matrix, result = context.load(LONG), context.load("ptr", 1), context.load("ptr", 2)
     slots = context.at(LONG, level * _SLOTS)
@@ -105,9 +105,9 @@ def _descent(module: ModuleText, most: int) -> None:
     text.finish()
 
 
-def _begin(module: ModuleText, most: int) -> Text:
+def _begin(module: ModuleText, most: int) -> LoopText:
     """Two new indices of the rows from `top` to `bottom`, eight rows at a time."""
-    text = Text(
+    text = LoopText(
         "begin",
         "Entries Outer Inner n rows Matrix Two One Offsets Places X Y Pair Pairs packs top bottom",
         module=module,
@@ -161,17 +161,17 @@ def _transposed(vectors: list[Value]) -> list[Value]:
 
 
 @cache
-def _compiled(entry: str) -> Function:
+def _compiled(entry: str) -> NativeFunction:
     """The function "begin" or "finish"."""
     most, sums = (_HEIGHTS, 16) if wide() else (6, 6)  # as registers hold
     module = new_module()
     _expansion(module, most, sums)
     if entry == "begin":
-        return Function(_begin(module, most))
+        return NativeFunction(_begin(module, most))
     _descent(module, most)
-    text = Text("finish", "Context level X stride highest base low high", module=module)
+    text = LoopText("finish", "Context level X stride highest base low high", module=module)
     text.call("descend", *text.fields())
-    return Function(text)
+    return NativeFunction(text)
 
 
 class Rotation:

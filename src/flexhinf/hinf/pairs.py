@@ -14,7 +14,7 @@ from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
-from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, Value, fields
+from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, LoopText, NativeFunction, Value, fields
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import run_all
 
@@ -105,9 +105,9 @@ def _patterns(n: int, k: int, pairs: int) -> list[_Pattern]:
 
 
 @cache
-def _compiled() -> Function:
+def _compiled() -> NativeFunction:
     """Blocks from `begin` to `end` of a pattern, eight at a time."""
-    text = Text(
+    text = LoopText(
         "divide_blocks",
         "Ranks size blocks Own Times Sizes axes Entries Offsets ThereRe ThereIm BackRe BackIm LastRe LastIm Re Im "
         "Given Real Imag Sums Mixed begin end",
@@ -154,11 +154,11 @@ def _compiled() -> Function:
                 entries.store(
                     block.load(DOUBLE, e * LANES + lane), ranks.load(INT, e * blocks + column + lane)
                 )
-    return Function(text)
+    return NativeFunction(text)
 
 
 def _mix(
-    text: Text,
+    text: LoopText,
     z: list[Value],
     mixed: Value,
     tables: list[Value],
@@ -192,7 +192,7 @@ def _mix(
 
 
 def _sums(
-    text: Text,
+    text: LoopText,
     own: Value,
     blocks: Value,
     times: Value,

@@ -14,7 +14,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from flexhinf.codegen.loops import DOUBLE, INT, LANES, VECTOR, Function, Text, fields, wide
+from flexhinf.codegen.loops import DOUBLE, INT, LANES, VECTOR, LoopText, NativeFunction, fields, wide
 from flexhinf.polynomial import algebra, basis
 
 LARGE = 300_000  # pairs of monomials from which machine code pays
@@ -145,11 +145,11 @@ def _groups(n: int, k: int, share: float) -> tuple[int, ...]:
 
 
 @cache
-def _compiled(gathers: bool) -> tuple[Function, int]:
+def _compiled(gathers: bool) -> tuple[NativeFunction, int]:
     """The function of a group, and the rows it takes at a time."""
     height = 12 if wide() else 6
     source = "Left Opening Weights" if gathers else "Left stride step"
-    text = Text(
+    text = LoopText(
         "add_products",
         f"{source} inner Right Prefix Last Merged prefixes Insertion n Total Earlier "
         "Room top bottom begin end split =scale",
@@ -186,4 +186,4 @@ def _compiled(gathers: bool) -> tuple[Function, int]:
                 for lane, (begins, ends) in enumerate(into):
                     target = into_all.at(DOUBLE, insertion.load(INT, ranks.load(INT, begins) * n + ends))
                     target.store(target.load(DOUBLE) + numbers.load(DOUBLE, lane))
-    return Function(text), height
+    return NativeFunction(text), height

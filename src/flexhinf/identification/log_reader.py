@@ -231,7 +231,9 @@ def _refuse_renewed(file: FileColumns, stamp: NamedColumn, stamps: np.ndarray, l
     )
 
 
-def _noticed(plant: Plant, chosen: Mapping[Signal, NamedColumn], stamp: NamedColumn) -> Iterator[LogFinding]:
+def _noticed(
+    plant: Plant, chosen: Mapping[SignalPlace, NamedColumn], stamp: NamedColumn
+) -> Iterator[LogFinding]:
     """Units and times that the names of columns say."""
     known = _signals(plant)
     for signal, column in chosen.items():
@@ -294,7 +296,7 @@ def _late(plant: Plant, delays: Mapping[str, int]) -> np.ndarray:
     return late
 
 
-class Signal(NamedTuple):
+class SignalPlace(NamedTuple):
     """A signal of a plant: "input", "output" or "state", and its place there."""
 
     kind: str
@@ -302,13 +304,13 @@ class Signal(NamedTuple):
     name: str
 
 
-def _signals(plant: Plant) -> dict[str, Signal]:
+def _signals(plant: Plant) -> dict[str, SignalPlace]:
     """Signals by every name that a column of theirs may have; a plain name is that of an input or an output."""
-    known: dict[str, Signal] = {}
+    known: dict[str, SignalPlace] = {}
     kinds = (("input", plant.inputs), ("output", plant.outputs), ("state", plant.states))
     for kind, names in kinds:
         for index, name in enumerate(names):
-            signal = Signal(kind, index, name)
+            signal = SignalPlace(kind, index, name)
             if kind != "state":
                 known.setdefault(name, signal)
             known |= {f"{prefix}{name}": signal for prefix in PREFIXES[kind]}
@@ -317,9 +319,9 @@ def _signals(plant: Plant) -> dict[str, Signal]:
 
 def _chosen(
     heading: Heading, plant: Plant, columns: Mapping[str, str], stamp: NamedColumn
-) -> dict[Signal, NamedColumn]:
+) -> dict[SignalPlace, NamedColumn]:
     """The column of each signal, those of all inputs and outputs first, in the plant's order."""
-    known, chosen = _signals(plant), dict[Signal, list[NamedColumn]]()
+    known, chosen = _signals(plant), dict[SignalPlace, list[NamedColumn]]()
     for name, text in expanded_columns(heading, plant, columns).items():
         if name not in known:
             raise InvalidInput(
@@ -366,7 +368,7 @@ def _chosen(
     return read
 
 
-def _by_unit(column: NamedColumn, plant: Plant, known: Mapping[str, Signal]) -> Signal | None:
+def _by_unit(column: NamedColumn, plant: Plant, known: Mapping[str, SignalPlace]) -> SignalPlace | None:
     """The input or output whose name a column has with its unit behind it, ``link_position_deg``; else None."""
     if column.name in known or column.unit:
         return None
@@ -379,7 +381,7 @@ def _by_unit(column: NamedColumn, plant: Plant, known: Mapping[str, Signal]) -> 
 
 
 def _check_complete(
-    heading: Heading, plant: Plant, chosen: Collection[Signal], used: Collection[int]
+    heading: Heading, plant: Plant, chosen: Collection[SignalPlace], used: Collection[int]
 ) -> None:
     names = [column.name for column in heading.columns]
     free = [
@@ -388,7 +390,7 @@ def _check_complete(
     missing = [
         signal
         for kind, signals in (("input", plant.inputs), ("output", plant.outputs))
-        for signal in (Signal(kind, index, name) for index, name in enumerate(signals))
+        for signal in (SignalPlace(kind, index, name) for index, name in enumerate(signals))
         if signal not in chosen
     ]
     if not missing:
@@ -426,7 +428,7 @@ def _advised_column(signal: str, si: str, free: Sequence[NamedColumn]) -> str:
 def _log(
     file: FileColumns,
     plant: Plant,
-    chosen: Mapping[Signal, NamedColumn],
+    chosen: Mapping[SignalPlace, NamedColumn],
     times: np.ndarray,
     values: np.ndarray,
     loaded: Loaded,
@@ -473,7 +475,7 @@ def _log(
     )
 
 
-def _place_of(chosen: Mapping[Signal, NamedColumn], kind: str, index: int) -> str:
+def _place_of(chosen: Mapping[SignalPlace, NamedColumn], kind: str, index: int) -> str:
     return next(
         column.name for signal, column in chosen.items() if (signal.kind, signal.place) == (kind, index)
     )

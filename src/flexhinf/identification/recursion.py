@@ -32,7 +32,7 @@ from flexhinf.errors import NumericalFailure, refuse_if
 from flexhinf.estimation.compiled import as_arrays
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.loop.controller.measured import by_flag
-from flexhinf.loop.controller.memory import Layout
+from flexhinf.loop.controller.memory import VectorLayout
 from flexhinf.plant import Plant
 from flexhinf.plant.parameters import Parameters
 from flexhinf.scalars import cholesky, solve_lower
@@ -135,9 +135,9 @@ class Recursion:
         return timed(self.filter)
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> VectorLayout:
         """Of a belief as a flat vector."""
-        return Layout(self.filter.initial._asdict())
+        return VectorLayout(self.filter.initial._asdict())
 
     @cached_property
     def written(self) -> dict[str, int]:

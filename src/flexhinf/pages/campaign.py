@@ -83,18 +83,18 @@ from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
     SERIES,
-    Block,
+    Badge,
     KeyNumber,
     LineStyle,
     Listing,
     Note,
     Page,
+    PageBlock,
     Paragraph,
     Provenance,
     Section,
     Setting,
     Settings,
-    Status,
     Table,
     house_style,
     legend,
@@ -195,7 +195,7 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
     return numbers
 
 
-def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Status]:
+def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Badge]:
     missed = [f"{judged.failures} of {judged.count} samples fail."] if judged.failures else []
     missed += [
         f"A search found a robot within the tolerances that misses {metric_text(requirement.metric)} "
@@ -209,12 +209,12 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
         "campaign."
     )
     own = verdict_of(judged.table.journal)
-    kept = [] if own is not None and own.missed else [Status("met", met)]
+    kept = [] if own is not None and own.missed else [Badge("met", met)]
     return [
-        *([Status("not met", text) for text in missed] or kept),
+        *([Badge("not met", text) for text in missed] or kept),
         *([] if own is None else design_statuses(own)),
         *(
-            Status(
+            Badge(
                 "not proved", "A disturbance attains more than the proved γ: the proof or the loop is wrong."
             )
             for row in gains.rows
@@ -233,7 +233,7 @@ def _proof_text(judged: CampaignJudgement) -> str:
 
 
 # Success and failures ----------------------------------------------------------------------------------------
-def _success(judged: CampaignJudgement) -> list[Block]:
+def _success(judged: CampaignJudgement) -> list[PageBlock]:
     ends, limits = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN), judged.requirements
     kept = [
         ("reaches the end of the run", "", ends),
@@ -262,7 +262,7 @@ def _success(judged: CampaignJudgement) -> list[Block]:
     ]
 
 
-def _failures(judged: CampaignJudgement) -> list[Block]:
+def _failures(judged: CampaignJudgement) -> list[PageBlock]:
     replay, worst = replay_command(judged.table.journal.folder.name, "--sample"), judged.worst_of_all
     if not judged.failures:
         command = [] if worst is None else [Listing(f"{replay} {worst}")]
@@ -292,7 +292,9 @@ def _failures(judged: CampaignJudgement) -> list[Block]:
 
 
 # Worst robot and worst disturbance ---------------------------------------------------------------------------
-def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None) -> list[Block]:
+def _worst_case(
+    judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None
+) -> list[PageBlock]:
     if not cases:
         return []
     rows, used = list[Sequence[object]](), list[float]()
@@ -347,7 +349,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
     ]  # fmt: skip
 
 
-def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Block]:
+def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[PageBlock]:
     # three runs with one noise: the tracked signal that differs most, its end, and such an input
     plants = {"worst found": case.found, f"sample {case.sample}": case.sampled, "nominal": case.nominal}
     trajectories = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
@@ -388,7 +390,7 @@ def _close(middle: float, values: np.ndarray) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Block]:
+def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[PageBlock]:
     if not gains.rows:
         return []
     worst = next((row for row in gains.rows if row.robot == "worst"), None)
@@ -430,7 +432,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Bl
 
 
 # Signals and metrics -----------------------------------------------------------------------------------------
-def _signals(judged: CampaignJudgement) -> list[Block]:
+def _signals(judged: CampaignJudgement) -> list[PageBlock]:
     # the kept signals, and the end of the one that differs most; the worst run is drawn apart
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
@@ -475,7 +477,7 @@ def _signals(judged: CampaignJudgement) -> list[Block]:
     return [figure_block("signals", figure, caption, "Signals")]
 
 
-def _arms(judged: CampaignJudgement) -> list[Block]:
+def _arms(judged: CampaignJudgement) -> list[PageBlock]:
     """The arm of the worst sample beside that of the middle one, in the same run."""
     worst = judged.worst_of_all
     if worst is None:
@@ -501,8 +503,8 @@ def _arms(judged: CampaignJudgement) -> list[Block]:
     return [] if figure is None else [figure]
 
 
-def _metrics(judged: CampaignJudgement) -> list[Block]:
-    blocks = list[Block]()
+def _metrics(judged: CampaignJudgement) -> list[PageBlock]:
+    blocks = list[PageBlock]()
     for kind, title, anchor in (
         ("metric", "Metrics over all samples that have them", "table-metrics"),
         (PART, "Joint by joint", "table-joints"),
@@ -530,7 +532,7 @@ def _metrics(judged: CampaignJudgement) -> list[Block]:
     return blocks
 
 
-def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Block]:
+def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[PageBlock]:
     finite = {name: judged.column(name)[np.isfinite(judged.column(name))] for name in names}
     varied = {name: values for name, values in finite.items() if len(values) and np.ptp(values) > 0.0}
     if not varied:
@@ -553,7 +555,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Block]:
     )]  # fmt: skip
 
 
-def _sensitivities(judged: CampaignJudgement) -> list[Block]:
+def _sensitivities(judged: CampaignJudgement) -> list[PageBlock]:
     names = judged.table.names("metric")  # the use of a limit changes as the metric itself does
     names = tuple(name for name in names if name.removesuffix("_use") not in {*names} - {name})
     ranked = ((name, judged.sensitivity(name)) for name in names)

@@ -48,12 +48,12 @@ from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
     SERIES,
-    Block,
     Column,
     KeyNumber,
     Listing,
     Note,
     Page,
+    PageBlock,
     Paragraph,
     Provenance,
     Section,
@@ -426,7 +426,7 @@ def _span(metric: PairedMetric) -> str:
 
 
 # Blocks ------------------------------------------------------------------------------------------------------
-def _success(result: DesignPair) -> list[Block]:
+def _success(result: DesignPair) -> list[PageBlock]:
     differing = [(name.replace("_", " "), a, b) for name, a, b in result.differences]
     tally, first, own = result.paired.success, result.judged[0], result.b.requirements
     limits = [
@@ -505,7 +505,7 @@ def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
     )  # fmt: skip
 
 
-def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[Block]:
+def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[PageBlock]:
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
@@ -558,7 +558,7 @@ def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[Bl
     ]  # fmt: skip
 
 
-def _extremes(result: DesignPair, varied: Sequence[PairedMetric]) -> list[Block]:
+def _extremes(result: DesignPair, varied: Sequence[PairedMetric]) -> list[PageBlock]:
     cases = [(m, who, sample) for m in varied for who, sample in zip("AB", m.extremes) if sample is not None]
     if not cases:
         return []

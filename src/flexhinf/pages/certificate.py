@@ -24,7 +24,7 @@ from flexhinf.certify.certificate import (
     theorem_parts,
     verification_text,
 )
-from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, Slice
+from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, SurfaceSlice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
@@ -47,7 +47,7 @@ from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
-    Block,
+    Badge,
     Bullets,
     Column,
     Figure,
@@ -56,12 +56,12 @@ from flexhinf.report import (
     Listing,
     Note,
     Page,
+    PageBlock,
     Paragraph,
     Provenance,
     Section,
     Setting,
     Settings,
-    Status,
     Table,
     house_style,
     legend,
@@ -146,7 +146,7 @@ def certificate_page(
             ),
             *(Setting(name, value) for name, value in claim.provenance.items()),
         ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim, s.in_degrees),
-        [Status("proved", f"{_parts_text(claim)}, by arithmetic that cannot round the wrong way."),
+        [Badge("proved", f"{_parts_text(claim)}, by arithmetic that cannot round the wrong way."),
          *design_statuses(verdict)],
         (f"The proof does not cover {missing[0].lower()}{missing[1:]}",), lead,
     )  # fmt: skip
@@ -239,7 +239,7 @@ def _theorem(claim: Certificate) -> list[Section]:
     parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
     sections: list[Section] = []
     for title, lines in parts.items():
-        blocks: list[Block] = [Bullets(tuple(map(_set, lines)))]
+        blocks: list[PageBlock] = [Bullets(tuple(map(_set, lines)))]
         if title == "Proved":  # with numbers of its own, by which the rest names it
             blocks = [Paragraph(_set(short_bounds(line, "V <= ", "gamma = "))) for line in lines]
             blocks += [
@@ -276,7 +276,7 @@ def _set(text: str) -> str:
 _Mark = tuple[Number, Number, str, LineStyle, str | None]
 
 
-def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Block]:
+def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[PageBlock]:
     claim, surface = evidence.certificate, evidence.surface
     scale, unit = _position(claim, degrees)
     if not law.steps:
@@ -304,7 +304,7 @@ def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Blo
     ]  # fmt: skip
 
 
-def _limit(evidence: Evidence) -> list[Block]:
+def _limit(evidence: Evidence) -> list[PageBlock]:
     claim, plane, sampled = evidence.certificate, evidence.limit, evidence.certificate.sampled_level
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
@@ -337,7 +337,7 @@ def _limit(evidence: Evidence) -> list[Block]:
 
 
 def _slice(
-    place: tuple[str, str], claim: Certificate, cut: Slice, scales: tuple[float, float],
+    place: tuple[str, str], claim: Certificate, cut: SurfaceSlice, scales: tuple[float, float],
     lines: Sequence[_Mark], names: tuple[str, str, str], caption: str,
 ) -> Figure:  # fmt: skip
     """Figure of r/V in bands, with the proved and the sampled level, the goal, the worst point inside, and `lines`.
@@ -394,8 +394,8 @@ def _slice(
 
 
 # Steps ----------------------------------------------------------------------------------------------------
-def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Block]:
-    claim, solution, blocks = evidence.certificate, law.choice.solution, list[Block]()
+def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[PageBlock]:
+    claim, solution, blocks = evidence.certificate, law.choice.solution, list[PageBlock]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim, degrees)
     size, d_unit = _in(degrees, common_unit(claim.disturbances))
@@ -437,7 +437,7 @@ def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Bloc
 
 
 # Budget and gain ------------------------------------------------------------------------------------------
-def _budget(evidence: Evidence, degrees: bool) -> list[Block]:
+def _budget(evidence: Evidence, degrees: bool) -> list[PageBlock]:
     claim, square = evidence.certificate, _energy_unit(evidence.certificate).strip()
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = [
@@ -477,7 +477,7 @@ def _energy_unit(claim: Certificate) -> str:
     return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
 
 
-def _gain(evidence: Evidence, degrees: bool) -> list[Block]:
+def _gain(evidence: Evidence, degrees: bool) -> list[PageBlock]:
     claim, attained = evidence.certificate, evidence.attained
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]

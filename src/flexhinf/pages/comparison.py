@@ -22,23 +22,23 @@ from flexhinf.pages.comparison_figures import (
     small_of,
     trade_off_figure,
 )
-from flexhinf.pages.design.frequency import Loop, frequency_figures
+from flexhinf.pages.design.frequency import LoopLine, frequency_figures
 from flexhinf.pages.drawing import count_text, joint_count, law_name, pose_text, units_of
 from flexhinf.pages.page import design_statuses, files_section
 from flexhinf.pages.settings import comparison_settings, damping_text
 from flexhinf.report import (
-    Block,
+    Badge,
     Cell,
     Column,
     Figure,
     KeyNumber,
     Note,
     Page,
+    PageBlock,
     Paragraph,
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
 )
@@ -231,7 +231,7 @@ def comparison_page(
         Provenance(shlex.join(command), s.seed), _key_numbers(comparison),
         [
             *_status(comparison, said[0], verdict),
-            Status("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
+            Badge("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
         ],
         list(map(_whole, said[1:])), [ranking_figure(comparison, ordered), *arms_of(comparison, ordered)],
     )  # fmt: skip
@@ -248,11 +248,11 @@ def comparison_design(comparison: Comparison) -> str:
     return f"The design as it is does not meet {judged}: {'; '.join(missed)}."
 
 
-def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[Status]:
+def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[Badge]:
     """Whether the laws could be ranked, and what the design as it is misses; “met” only where neither is wanting."""
-    statuses = [] if is_ranked(comparison) else [Status("risky", f"Not ranked: {text}")]
+    statuses = [] if is_ranked(comparison) else [Badge("risky", f"Not ranked: {text}")]
     if unlimited := unlimited_text(comparison):
-        statuses.append(Status("risky", unlimited))
+        statuses.append(Badge("risky", unlimited))
     beyond = [
         f"{row.name} ({count})"
         for row in comparison.rows
@@ -262,15 +262,15 @@ def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[S
     if beyond:
         laws_text = ", ".join(beyond)
         statuses.append(
-            Status("risky", f"Within the limits of the tuning, other requirements are missed: {laws_text}.")
+            Badge("risky", f"Within the limits of the tuning, other requirements are missed: {laws_text}.")
         )
     if any(line.missed for line in comparison.own.requirements):
         if not verdict.missed:  # which would name more of them
-            statuses.append(Status("not met", comparison_design(comparison)))
+            statuses.append(Badge("not met", comparison_design(comparison)))
     elif not statuses and not verdict.missed:
         laws = ordered_laws(comparison)
         kept = f"{sum(kept for _, kept in laws)} of {count_text(len(laws), 'law')} keep every limit of the tuning"
-        statuses.append(Status("met", f"{kept}. {comparison_design(comparison)}"))
+        statuses.append(Badge("met", f"{kept}. {comparison_design(comparison)}"))
     return [*statuses, *(design_statuses(verdict) if verdict.names else [])]
 
 
@@ -341,7 +341,7 @@ def _frequency(comparison: Comparison) -> list[Figure]:
     always = [law for law in laws if law.name in (DESIGN, NL_HINF)]  # and the best others by the criterion
     others = sorted((law for law in laws if law.name not in (DESIGN, NL_HINF)), key=lambda law: law.cost)[:3]
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
-    loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in always + others]
+    loops = [LoopLine(a.name, a.evaluation.frequency_response, place[a.name]) for a in always + others]
     assert comparison.own.evaluation is not None
     units, joints = units_of(comparison.own.evaluation), comparison.robot.joint_names
     return frequency_figures(loops, joints, [units.of(units.compliance, joint) for joint in joints])
@@ -365,7 +365,7 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     return numbers
 
 
-def _laws(comparison: Comparison) -> list[Block]:
+def _laws(comparison: Comparison) -> list[PageBlock]:
     rows: list[Sequence[object]] = []
     for row in comparison.rows:
         tuned, kind = row.tuned, row.kind

@@ -24,11 +24,11 @@ from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
-    Block,
     Column,
     Figure,
     LineStyle,
     Note,
+    PageBlock,
     Section,
     Table,
     figure_to_svg,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 #: A section of a page: notes first, then its blocks; a figure as the function that draws it, None where there is
 #: nothing to draw. Who reads notes or tables only draws nothing.
-Blocks = Iterator[Block | Callable[[], Figure | None]]
+Blocks = Iterator[PageBlock | Callable[[], Figure | None]]
 
 #: Points of a line in a figure, at most: more cannot be told apart at the width of a page.
 POINTS = 1500
@@ -290,7 +290,7 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 
-def with_figures(*sections: Blocks) -> list[list[Block]]:
+def with_figures(*sections: Blocks) -> list[list[PageBlock]]:
     """The blocks of each section with all figures drawn, on all processors."""
     found = [list(blocks) for blocks in sections]
     undrawn = [block for blocks in found for block in blocks if callable(block)]

@@ -26,6 +26,7 @@ from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import Rows, robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
 from flexhinf.report import (
+    Badge,
     Cell,
     Column,
     KeyNumber,
@@ -33,7 +34,6 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
     house_style,
@@ -257,7 +257,7 @@ def estimate_page(
         Settings(settings_in_groups({"Filter": _filter_rows(result), "Robot": robot_rows(robot)})),
         Provenance(shlex.join(command), None),
         _key_numbers(result),
-        [Status("met" if fits else "risky", f"The filter {states}.")],
+        [Badge("met" if fits else "risky", f"The filter {states}.")],
         texts[1:],
         lead,
     )

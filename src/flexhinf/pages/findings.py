@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from flexhinf.findings import Finding, worst
 from flexhinf.pages.drawing import listed
-from flexhinf.report import Cell, Status
+from flexhinf.report import Badge, Cell
 
 #: Colours of the severities in a table.
 COLOURS = {"fault": "red", "doubt": "yellow", "note": "green"}
@@ -36,6 +36,6 @@ def place_text(finding: Finding) -> str:
     return f" [{finding.place}]" if finding.place else ""
 
 
-def page_status(findings: Sequence[Finding], verdict: str) -> Status:
+def page_status(findings: Sequence[Finding], verdict: str) -> Badge:
     """The mark of a page with such findings."""
-    return Status(MARKS[worst(findings)], verdict)
+    return Badge(MARKS[worst(findings)], verdict)

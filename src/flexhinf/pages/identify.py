@@ -41,6 +41,7 @@ from flexhinf.pages.settings import robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
 from flexhinf.report import (
     SERIES,
+    Badge,
     Cell,
     Column,
     KeyNumber,
@@ -48,7 +49,6 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
     house_style,
@@ -479,10 +479,10 @@ def identified_page(
     count, unclear = len(found.names), len(found.hidden)
     many = f"{count - unclear} of {count} numbers" if unclear else "all numbers"
     states = [
-        *([Status("risky", "The model does not fit the log.")] if not found.consistent else []),
-        *([Status("risky", "The log does not tell when its signals were true.")] if found.undecided else []),
+        *([Badge("risky", "The model does not fit the log.")] if not found.consistent else []),
+        *([Badge("risky", "The log does not tell when its signals were true.")] if found.undecided else []),
         *(
-            [Status("risky" if unclear else "met", f"The log tells {many}.")]
+            [Badge("risky" if unclear else "met", f"The log tells {many}.")]
             if unclear or found.consistent
             else []
         ),

@@ -36,6 +36,7 @@ from flexhinf.pages.drawing import (
 )
 from flexhinf.pages.settings import design_settings
 from flexhinf.report import (
+    Badge,
     Cell,
     Column,
     KeyNumber,
@@ -45,7 +46,6 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     house_style,
 )
@@ -247,7 +247,7 @@ def design_page(
         Settings(design_settings(design.synthesis, design.evaluation)),
         Provenance(shlex.join(command), s.seed),
         key_numbers(design),
-        [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text],
+        [Badge(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text],
         _details(design),
         first,
     )
@@ -326,11 +326,11 @@ def _details(design: PoseEvidence) -> list[str]:
     return list(filter(None, [*parts, region.proof_text(design)]))
 
 
-def design_statuses(verdict: DesignVerdict) -> list[Status]:
+def design_statuses(verdict: DesignVerdict) -> list[Badge]:
     """Entries about the design at the top of the page of something that is made of it; none where it is met."""
     if verdict.missed:
-        return [Status("not met", f"{verdict.unmet}.")]
-    return [] if verdict.met else [Status("not judged", f"{verdict.brief}.")]
+        return [Badge("not met", f"{verdict.unmet}.")]
+    return [] if verdict.met else [Badge("not judged", f"{verdict.brief}.")]
 
 
 def requirements_text(lines: Sequence[Requirement], of: str = "") -> str:

@@ -38,14 +38,14 @@ from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
-    Block,
-    Claim,
     Claims,
     Column,
     Figure,
+    JudgedClaim,
     KeyNumber,
     Listing,
     Page,
+    PageBlock,
     Paragraph,
     Provenance,
     Section,
@@ -338,7 +338,7 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     )
 
 
-def draw_evidence(setup: PaperSetup, claim: Claim) -> Figure | None:
+def draw_evidence(setup: PaperSetup, claim: JudgedClaim) -> Figure | None:
     """The figure of a claim's evidence, of the claims that have one."""
     draw: dict[str, Any] = {"gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure}
     return draw[claim.id](setup, claim.data) if claim.id in draw else None
@@ -371,8 +371,8 @@ def _page(reproduction: Reproduction) -> Page:
         if number == "09":
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
-    def evidence(claims: Sequence[Claim]) -> list[Claim]:  # those that fail first
-        numbered: list[Claim] = []
+    def evidence(claims: Sequence[JudgedClaim]) -> list[JudgedClaim]:  # those that fail first
+        numbered: list[JudgedClaim] = []
         for claim in by_verdict(claims):
             blocks = filter(None, (*claim.blocks, reproduction.evidence[claim.id]))
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
@@ -460,7 +460,7 @@ def _page(reproduction: Reproduction) -> Page:
     )
 
 
-def _numbered(block: Block, counters: Mapping[str, Iterator[int]]) -> Figure | Table:
+def _numbered(block: PageBlock, counters: Mapping[str, Iterator[int]]) -> Figure | Table:
     if isinstance(block, Table):
         k = next(counters["table"])
         return replace(block, id=f"table-{k}", caption=f"Table {k}. {block.caption}")

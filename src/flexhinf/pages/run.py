@@ -48,15 +48,15 @@ from flexhinf.pages.terminal import Ending, requirements_screen
 from flexhinf.report import (
     MUTED,
     SERIES,
-    Block,
+    Badge,
     Column,
     Figure,
     KeyNumber,
     Page,
+    PageBlock,
     Provenance,
     Section,
     Settings,
-    Status as PageStatus,
     Table,
     finite,
     house_style,
@@ -290,7 +290,7 @@ def run_page(
     """The page of a run; parameters as for `run_files`, and the names of the files beside it."""
     robot, lines, timing = prepared.robot, judged_requirements(prepared, run), run.timing
     s, kind = prepared.plants.specification, "step" if prepared.plan is None else "move"
-    parts: list[tuple[str, str, list[Block], bool, str]] = []
+    parts: list[tuple[str, str, list[PageBlock], bool, str]] = []
     with house_style():
         if lines:
             table = requirement_table(lines, _units(prepared).degrees)
@@ -305,7 +305,7 @@ def run_page(
             )
         if len(timing.time):
             late = f"{int(timing.missed.sum())} of {len(timing.time)} deadlines missed"
-            blocks: list[Block] = [_times_figure(timing), _times_table(timing)]
+            blocks: list[PageBlock] = [_times_figure(timing), _times_table(timing)]
             parts.append(("timing", "Deadlines and jitter", blocks, True, late if timing.real_time else ""))
         if _tracked(run):
             blocks = [_tracking_figure(prepared, run), _joints_table(prepared, run)]
@@ -343,7 +343,7 @@ def _of_design(prepared: DeployedRun, lines: Sequence[Requirement], brief: bool 
     return prepared.design.beside((line.what for line in lines if line.judged), brief)
 
 
-def _statuses(prepared: DeployedRun, lines: Sequence[Requirement]) -> list[PageStatus]:
+def _statuses(prepared: DeployedRun, lines: Sequence[Requirement]) -> list[Badge]:
     """What the run misses, or cannot judge, and the design's own verdict; met only where the design is too."""
     degrees, own = _units(prepared).degrees, prepared.design
     kinds = {
@@ -351,14 +351,14 @@ def _statuses(prepared: DeployedRun, lines: Sequence[Requirement]) -> list[PageS
         "not judged": [line for line in lines if not line.judged],
     }
     found = [
-        PageStatus(
+        Badge(
             kind, f"This run: {'; '.join(replace(line.converted(degrees), where='').text for line in some)}."
         )
         for kind, some in kinds.items()
         if some
     ]
     if lines and not found and not own.missed:
-        found = [PageStatus("met", f"The {len(lines)} requirements of this run.")]
+        found = [Badge("met", f"The {len(lines)} requirements of this run.")]
     return [*found, *design_statuses(own)]
 
 
@@ -505,7 +505,7 @@ def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
     )
 
 
-def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:
+def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[PageBlock]:
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
     parts = joint_panels(units, "input", units.effort, time, response.inputs, limits=_bounds(run))
     figure = draw_figure("effort", parts, f"Inputs as applied.{_dashed(parts)}", "Inputs")
@@ -524,7 +524,7 @@ def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:
     return [figure, Table(columns, rows, "Inputs, and the share of the samples at a limit", "table-effort")]
 
 
-def _status(run: RealTimeRun) -> list[Block]:
+def _status(run: RealTimeRun) -> list[PageBlock]:
     """What the controller reported."""
     count, rows = len(run.status), list[Sequence[object]]()
     for bit in Status:

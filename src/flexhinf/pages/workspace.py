@@ -71,13 +71,13 @@ from flexhinf.pages.workspace_summary import (
 )
 from flexhinf.report import (
     INK,
+    Badge,
     Figure,
     Page,
     Paragraph,
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
     house_style,
@@ -171,12 +171,12 @@ def workspace_page(
         Provenance(shlex.join(command), s.seed),
         key_numbers(design),
         [
-            Status("met", f"{len(design.requirements)} requirements.")
+            Badge("met", f"{len(design.requirements)} requirements.")
             if design.met
-            else Status(
+            else Badge(
                 "not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"
             ),
-            *([Status("risky", estimates_text(robot))] if estimates_text(robot) else []),
+            *([Badge("risky", estimates_text(robot))] if estimates_text(robot) else []),
             *_proof_statuses(design),
         ],
         [scope_text(design)],
@@ -191,17 +191,17 @@ def _command(advice: Advice | None) -> str:
     )
 
 
-def _proof_statuses(design: WorkspaceEvidence) -> list[Status]:
+def _proof_statuses(design: WorkspaceEvidence) -> list[Badge]:
     """What is proved, and what is tested alone."""
     tested, proof = "Tested on random samples, not proved.", design.proof
     if proof is None:
-        return [Status("not proved", f"{tested} {stability_text(design.setup, design.robustness.proved)}")]
+        return [Badge("not proved", f"{tested} {stability_text(design.setup, design.robustness.proved)}")]
     held = f" It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else ""
     kind = "proved" if proof.covers_file else "not proved"
-    own = Status(kind, f"{preset_proof_text(design)}{held}")
+    own = Badge(kind, f"{preset_proof_text(design)}{held}")
     return [
         own,
-        Status("not proved", f"Moves, noise and limits of inputs: {tested.lower()} {others_text(proof)}"),
+        Badge("not proved", f"Moves, noise and limits of inputs: {tested.lower()} {others_text(proof)}"),
     ]
 
 

@@ -25,6 +25,7 @@ from flexhinf.pages.terminal import Ending, screen
 from flexhinf.pages.workspace_summary import range_of, units_in, worst_motion
 from flexhinf.report import (
     INK,
+    Badge,
     Cell,
     Column,
     Figure,
@@ -34,7 +35,6 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
     house_style,
@@ -339,10 +339,10 @@ def laws_page(
         ),
         Provenance(shlex.join(command), comparison.specification.seed),
         status=[
-            Status("met", f"Every requirement: {listed(met)}.")
+            Badge("met", f"Every requirement: {listed(met)}.")
             if met
-            else Status("not met", "No law meets every requirement."),
-            Status("not proved", "Tested on random samples, not proved."),
+            else Badge("not met", "No law meets every requirement."),
+            Badge("not proved", "Tested on random samples, not proved."),
         ],
         lead=lead,
     )

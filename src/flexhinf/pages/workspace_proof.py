@@ -22,6 +22,7 @@ from flexhinf.pages.page import design_statuses
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, screen
 from flexhinf.report import (
+    Badge,
     Bullets,
     KeyNumber,
     Page,
@@ -29,7 +30,6 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
 )
@@ -357,8 +357,8 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
         if proof.checked
         else [],
         [
-            Status("proved" if proof.covers_file and proof.checked else "not proved", proof_text(proof)),
-            Status(
+            Badge("proved" if proof.covers_file and proof.checked else "not proved", proof_text(proof)),
+            Badge(
                 "not proved",
                 "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "
                 + others_text(proof),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from flexhinf.paper.settings import PaperSettings
-    from flexhinf.report import Claim
+    from flexhinf.report import JudgedClaim
 
 
 class Apart(NamedTuple):
@@ -33,7 +33,7 @@ class Apart(NamedTuple):
     """
 
     begun: Array[c_int]
-    judged: Callable[[], Claim | None]
+    judged: Callable[[], JudgedClaim | None]
 
 
 @contextmanager
@@ -54,7 +54,7 @@ def judged_apart(settings: PaperSettings) -> Generator[Apart | None]:
         worker.start()
     sending.close()
 
-    def judged() -> Claim | None:
+    def judged() -> JudgedClaim | None:
         try:
             return receiving.recv()
         except (EOFError, OSError):

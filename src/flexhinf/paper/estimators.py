@@ -37,7 +37,7 @@ from flexhinf.paper.loop_setup import (
     LONG,
     SINE,
     STEP_DURATION,
-    Finding,
+    ClaimFinding,
     PaperSetup,
     StatedClaim,
     affordable,
@@ -70,7 +70,7 @@ FAR = (0.5, 1.0, 0.5, 1.0)
 
 
 # Bounded -------------------------------------------------------------------------------------------------
-def _is_bounded(setup: PaperSetup) -> Finding:
+def _is_bounded(setup: PaperSetup) -> ClaimFinding:
     count, grown, diverged = affordable(SEEDS, setup.settings.period), 0, 0
     rows: list[tuple[object, ...]] = []
     largest = np.zeros(setup.model.n)
@@ -90,7 +90,7 @@ def _is_bounded(setup: PaperSetup) -> Finding:
         states = [None] * setup.model.n if worst is None else worst.tolist()
         rows.append((name, count, *states, max(ratios, default=None)))
         largest = largest if worst is None else np.maximum(largest, worst)
-    return Finding(
+    return ClaimFinding(
         not (grown or diverged),
         f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
         f"more than a factor of {GROWS:g}.",
@@ -115,13 +115,13 @@ def _is_bounded(setup: PaperSetup) -> Finding:
 
 
 # Reconstruction ------------------------------------------------------------------------------------------
-def _reconstructs(setup: PaperSetup) -> Finding:
+def _reconstructs(setup: PaperSetup) -> ClaimFinding:
     ukf = setup.estimator(
         "ukf", mean=np.array([WRONG, 0.0, WRONG, 0.0]), covariance=np.array([WRONG**2, 0.1, WRONG**2, 0.1])
     )
     run = setup.run(setup.nonlinear, Step(math.pi), STEP_DURATION, estimator=ukf)
     if run.diverged_at is not None:
-        return Finding(False, f"The loop diverged at {run.diverged_at:.2f} s.")
+        return ClaimFinding(False, f"The loop diverged at {run.diverged_at:.2f} s.")
     rows: list[tuple[object, ...]] = []
     fractions: list[float] = []
     for name in run.names["estimate"]:
@@ -131,7 +131,7 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
         fractions.append(rmse / span)
     largest = max(fractions)
-    return Finding(
+    return ClaimFinding(
         largest <= RECONSTRUCTED_FRACTION,
         f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
         Table(
@@ -376,7 +376,7 @@ def driving(step: Trajectory, period: float) -> np.ndarray:
     return np.clip(np.nan_to_num(volts), -100.0, 100.0)[:, None]  # of a step that diverged
 
 
-def _beats_ekf(setup: PaperSetup) -> Finding:
+def _beats_ekf(setup: PaperSetup) -> ClaimFinding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
 
     def outcome(trial: FilterTrial) -> TrialOutcome:
@@ -401,7 +401,7 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         numbers[trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
         values = map(known, (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees))
         rows.append((trial.name, p.pairs, *values, p.verdict))
-    return Finding(
+    return ClaimFinding(
         False if "worse" in verdicts else verdicts == {"better"} or judged,
         f"With the link position measured the RMS errors differ by at most {number(100 * largest, 1)} %. "
         f"{_closed_loops(setup)} The UKF wins with {won}.",

@@ -25,7 +25,7 @@ from flexhinf.loop.signals.references import Signal, SignalLike
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import Estimator, GeneralisedPlant, Law, Penalty, Plant
-from flexhinf.report import Claim, Table, Verdict
+from flexhinf.report import JudgedClaim, Table, Verdict
 from flexhinf.robot import Robot, paper_arm
 
 #: R2 of Eq. (11).
@@ -336,7 +336,7 @@ def affordable(wanted: int, period: float, duration: float = LONG) -> int:
 
 
 # Claims --------------------------------------------------------------------------------------------------
-class Finding(NamedTuple):
+class ClaimFinding(NamedTuple):
     """Result of computing one claim's criterion: whether it is met ("ties" or "not judged" where it cannot be said),
     the numbers behind that in a sentence, a table, numbers for ``metrics.json``, what the page draws, and whether it is
     met for each step alone."""
@@ -355,14 +355,14 @@ class StatedClaim(NamedTuple):
     id: str
     text: str  # one sentence; ``{feedback}`` stands for what is fed back to the law
     criterion: str
-    compute: Callable[[PaperSetup], Finding]
+    compute: Callable[[PaperSetup], ClaimFinding]
     figures: tuple[str, ...] = ()  # anchors of the paper's figures that show it
 
 
 _VERDICTS: dict[bool, Verdict] = {True: "holds", False: "fails"}
 
 
-def judge(setup: PaperSetup, stated: StatedClaim) -> Claim:
+def judge(setup: PaperSetup, stated: StatedClaim) -> JudgedClaim:
     """Compute the criterion of a claim, and return the claim with its verdict."""
     verdict, evidence, table, numbers, data, steps = stated.compute(setup)
     if not isinstance(verdict, str):
@@ -370,6 +370,6 @@ def judge(setup: PaperSetup, stated: StatedClaim) -> Claim:
     parts: dict[str, Verdict] = {step: _VERDICTS[met] for step, met in steps.items()}
     kind, tables = setup.settings.estimator, () if table is None else (table,)
     text = stated.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
-    return Claim(
+    return JudgedClaim(
         stated.id, text, verdict, evidence, stated.figures, stated.criterion, tables, numbers, data, parts
     )

@@ -11,7 +11,7 @@ from flexhinf.paper.apart import Apart
 from flexhinf.paper.claims import BY_LENGTH, CLAIMS, NOT_JUDGED
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.settings import PaperSettings
-from flexhinf.report import Claim, Figure
+from flexhinf.report import Figure, JudgedClaim
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -24,8 +24,8 @@ class Reproduction:
 
     setup: PaperSetup
     figures: dict[str, Mapping[str, object]]
-    claims: tuple[Claim, ...]
-    questions: tuple[Claim, ...]
+    claims: tuple[JudgedClaim, ...]
+    questions: tuple[JudgedClaim, ...]
     command: tuple[str, ...]
     drawings: Mapping[str, str]  # of the paper's figures as SVG, by number
     evidence: Mapping[str, Figure | None]  # figures of claims' evidence, by their id
@@ -66,14 +66,14 @@ def reproduce(
     Raises InfeasibleGamma: if γ is not above γ*.
     """
     progress("synthesis")
-    setup, figures, claims = PaperSetup(settings), dict[str, Mapping[str, object]](), dict[str, Claim]()
+    setup, figures, claims = PaperSetup(settings), dict[str, Mapping[str, object]](), dict[str, JudgedClaim]()
     for figure in FIGURE_NUMBERS:
         progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
     pages = import_module("flexhinf.pages.paper")
     drawings, evidence = pages.draw_figures(setup), dict[str, Figure | None]()
 
-    def add(stated: StatedClaim, wait: Callable[[], Claim | None] = lambda: None) -> None:
+    def add(stated: StatedClaim, wait: Callable[[], JudgedClaim | None] = lambda: None) -> None:
         progress(f"claim: {stated.id.replace('-', ' ')}")
         claim = claims[stated.id] = wait() or judge(setup, stated)
         evidence[claim.id] = pages.draw_evidence(setup, claim)

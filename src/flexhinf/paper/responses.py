@@ -35,7 +35,7 @@ from flexhinf.paper.loop_setup import (
     TORQUE,
     TRACKING_DURATION,
     TRACKING_FROM,
-    Finding,
+    ClaimFinding,
     PaperSetup,
     StatedClaim,
     known,
@@ -75,17 +75,17 @@ def step_text(run: Trajectory) -> str:
     )
 
 
-def _tracks_180(setup: PaperSetup) -> Finding:
+def _tracks_180(setup: PaperSetup) -> ClaimFinding:
     return _tracks_step(setup.runs("03")["nonlinear"], math.pi)
 
 
-def _tracks_90(setup: PaperSetup) -> Finding:
+def _tracks_90(setup: PaperSetup) -> ClaimFinding:
     return _tracks_step(setup.runs("05")["nonlinear"], math.pi / 2)
 
 
-def _tracks_step(run: Trajectory, goal: float) -> Finding:
+def _tracks_step(run: Trajectory, goal: float) -> ClaimFinding:
     m = run.metrics()
-    return Finding(
+    return ClaimFinding(
         m["settling_time_s"] is not None and m["steady_state_error"] <= SETTLING_BAND * goal,
         f"{step_text(run)}.".replace("overshoot", "Overshoot", 1),
     )
@@ -107,19 +107,19 @@ def _steps_table(runs: dict[tuple[str, str], Trajectory], caption: str, anchor: 
     return Table(("step", "law", *(column for _, column in read)), rows, caption, anchor)
 
 
-def _beats_linear(setup: PaperSetup) -> Finding:
+def _beats_linear(setup: PaperSetup) -> ClaimFinding:
     steps = {"90°": setup.runs("05"), "180°": setup.runs("03")}
     rows = {(goal, name): runs[law] for goal, runs in steps.items() for law, name in LAWS.items()}
     table = _steps_table(rows, "The two laws of the same γ on the two steps.", "table-linear")
     if setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
-        return Finding("not judged", SAME_LAW, table)
+        return ClaimFinding("not judged", SAME_LAW, table)
     pairs = {goal: (rows[goal, "NL-H∞"], rows[goal, "L-H∞"]) for goal in steps}
     texts = (f"On {goal}, NL-H∞: {step_text(a)}; L-H∞: {step_text(b)}." for goal, (a, b) in pairs.items())
     met = {goal: beats(*pair) for goal, pair in pairs.items()}
-    return Finding(met["90°"], " ".join(texts), table, steps=met)
+    return ClaimFinding(met["90°"], " ".join(texts), table, steps=met)
 
 
-def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
+def _beats_linear_about_the_goal(setup: PaperSetup) -> ClaimFinding:
     rows: dict[tuple[str, str], Trajectory] = {}
     state, volts = setup.arm.operating_point(0.0, ("inductance",))
     for goal in reversed(GOALS):
@@ -140,17 +140,17 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
         "table-about-the-goal",
     )
     if setup.settings.degree == 2:
-        return Finding("not judged", SAME_LAW, table)
+        return ClaimFinding("not judged", SAME_LAW, table)
     texts = (f"{name}: {step_text(rows['180°', f'{name} about the goal'])}" for name in LAWS.values())
     wins = {
         goal: beats(*(rows[goal, f"{name} about the goal"] for name in LAWS.values()))
         for goal in map(name_goal, GOALS)
     }
-    return Finding(all(wins.values()), f"On 180°, {'; '.join(texts)}.", table, steps=wins)
+    return ClaimFinding(all(wins.values()), f"On 180°, {'; '.join(texts)}.", table, steps=wins)
 
 
 # Tracking ------------------------------------------------------------------------------------------------
-def _tracks_sine(setup: PaperSetup) -> Finding:
+def _tracks_sine(setup: PaperSetup) -> ClaimFinding:
     errors = {name: tracking_numbers(run) for name, run in setup.runs("07").items()}
     degree, weights = setup.settings.degree, {"link_position": 60.0, "link_position_integral": 300.0}
     laws = {"L-H∞ (degree 2)": errors["linear"], f"NL-H∞ (degree {degree})": errors["nonlinear"]}
@@ -175,10 +175,10 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
     )
     largest, linear = (errors[name]["largest_error_rad"] for name in ("nonlinear", "linear"))
     if largest is None:
-        return Finding(False, "The run diverged in 40 s.", table)
+        return ClaimFinding(False, "The run diverged in 40 s.", table)
     rival = "diverges" if linear is None else f"reaches {math.degrees(linear):.1f}°"
     why = " The nonlinear terms act on x1, not on the error: the order of the steps is reversed."
-    return Finding(
+    return ClaimFinding(
         largest <= TRACKING_LIMIT,
         f"Largest error after {TRACKING_FROM:g} s: {math.degrees(largest):.1f}°; the linear law {rival}."
         f"{why if linear is not None and linear < largest else ''}",
@@ -187,7 +187,7 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
 
 
 # Weights -------------------------------------------------------------------------------------------------
-def judge_weight(setup: PaperSetup, varied: str) -> Finding:
+def judge_weight(setup: PaperSetup, varied: str) -> ClaimFinding:
     """Judge whether overshoot or rise time falls with a larger weight of x1 or of x5, in steps to both goals."""
     of_link = varied == "x1"
     weights = LINK_WEIGHTS if of_link else INTEGRAL_WEIGHTS
@@ -228,7 +228,7 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
             f"{settles}. The overshoot goes from {over[0]} % and {over[1]} %."
         )
     met = falls("overshoot_percent" if of_link else "rise_time_s")
-    return Finding(
+    return ClaimFinding(
         all(met.values()), f"From a weight of {weights[0]:g} to {weights[-1]:g} the {text}", table, steps=met
     )
 
@@ -339,7 +339,7 @@ STATED_DISTURBANCES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-def attained_gain(setup: PaperSetup) -> Finding:
+def attained_gain(setup: PaperSetup) -> ClaimFinding:
     """Judge Eq. (5): the largest gain of stated disturbances and of the worst found, within ±180°."""
     search = DisturbanceSearch(setup.problem, setup.nonlinear, None, setup.settings.period, HORIZON)
     stated = {
@@ -406,7 +406,7 @@ def attained_gain(setup: PaperSetup) -> Finding:
         "largest_gain_over_gamma_star": best and best / setup.gamma_star,
     }
     evidence = f"γ = {setup.gamma:.1f}, γ* = {setup.gamma_star:.1f}{evidence}"
-    return Finding(largest <= setup.gamma, evidence, table, numbers, tuple(worst.values()))
+    return ClaimFinding(largest <= setup.gamma, evidence, table, numbers, tuple(worst.values()))
 
 
 # Torques -------------------------------------------------------------------------------------------------
@@ -417,7 +417,7 @@ def _deviation(run: Trajectory) -> tuple[float | None, float | None]:
     return peak and math.degrees(peak), numbers["recovery_time_s"]
 
 
-def _step_disturbance(setup: PaperSetup) -> Finding:
+def _step_disturbance(setup: PaperSetup) -> ClaimFinding:
     by_channel = {c.replace("_torque", ""): _deviation(run) for c, run in setup.runs("11").items()}
     deviations = {
         **by_channel,
@@ -434,7 +434,7 @@ def _step_disturbance(setup: PaperSetup) -> Finding:
         else f"is back within ±2 % after {latest:.2f} s at the latest."
     )
     moved = f"The link moves by at most {max(peaks, default=math.inf):.1f}° and {back}"
-    return Finding(
+    return ClaimFinding(
         not lost,
         "The loop diverges." if len(peaks) < len(by_channel) else moved,
         Table(
@@ -458,7 +458,7 @@ def _stays(run: Trajectory, frequency: float) -> bool:
     return bool(error[last].max() <= 1.05 * error[before & ~last].max() + 1e-4)
 
 
-def _sine_disturbance(setup: PaperSetup) -> Finding:
+def _sine_disturbance(setup: PaperSetup) -> ClaimFinding:
     runs = {(FREQUENCY, c): run for c, run in setup.runs("12").items()}
     runs |= {
         (f, c): setup.load_response(setup.nonlinear, Sine(TORQUE, f, at=LOAD_FROM), c)
@@ -476,7 +476,7 @@ def _sine_disturbance(setup: PaperSetup) -> Finding:
         if bad
         else "It is kept at the other frequencies tried too."
     )
-    return Finding(
+    return ClaimFinding(
         FREQUENCY not in bad,
         f"At {FREQUENCY:g} Hz the link moves by at most {moved} (torque at link and at motor). {others}",
         Table(

@@ -24,7 +24,7 @@ from flexhinf.paper.loop_setup import (
     GOALS,
     LONG,
     STEP_DURATION,
-    Finding,
+    ClaimFinding,
     PaperSetup,
     StatedClaim,
     affordable,
@@ -153,7 +153,7 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 
 
 # Tolerances ----------------------------------------------------------------------------------------------
-def _robust_to_tolerances(setup: PaperSetup) -> Finding:
+def _robust_to_tolerances(setup: PaperSetup) -> ClaimFinding:
     study = ToleranceStudy(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
     parts: list[str] = []
@@ -171,7 +171,7 @@ def _robust_to_tolerances(setup: PaperSetup) -> Finding:
     if 0.0 <= growth < math.inf:
         factors = [f"{math.exp(min(growth * t, 50.0)):.2g} in {t:g} s" for t in (STEP_DURATION, LONG)]
         grows = f" The fastest growth makes a factor of {' and of '.join(factors)}."
-    return Finding(
+    return ClaimFinding(
         all(rates.unstable == 0 for rates in chosen.values()),
         f"Unstable with {which}: {'; '.join(parts)}.{grows} {agree} of {runs} runs of {LONG:g} s agree with the growth "
         f"rates of the linear loop (within {number(error, 2)}/s).",
@@ -236,7 +236,7 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
 
 
 # Coil ----------------------------------------------------------------------------------------------------
-def _coil_is_negligible(setup: PaperSetup) -> Finding:
+def _coil_is_negligible(setup: PaperSetup) -> ClaimFinding:
     law, growth, slowest = setup.nonlinear, -math.inf, np.zeros(1, dtype=complex)
     rows: list[tuple[object, ...]] = []
     changes: list[tuple[float, float]] = []
@@ -277,7 +277,7 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
     lost = int(np.isnan(changes).any(axis=1).sum())
     rate = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
     unknown = f" In {lost} of {len(changes)} cases a run diverges or does not settle, so no change is known."
-    return Finding(
+    return ClaimFinding(
         not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0,
         f"The coil changes the overshoot by at most {worst:.2f} % of the step and the settling time by at most "
         f"{100 * slower:.1f} %; with it {rate if math.isfinite(growth) else 'some loop has no equilibrium'}."

@@ -1,13 +1,13 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .blocks import (
-    Block as Block,
     Bullets as Bullets,
     Cell as Cell,
     Column as Column,
     Figure as Figure,
     Listing as Listing,
     Note as Note,
+    PageBlock as PageBlock,
     Paragraph as Paragraph,
     Provenance as Provenance,
     Setting as Setting,
@@ -47,12 +47,12 @@ from .folder import (
     written_on as written_on,
 )
 from .page import (
-    Claim as Claim,
+    Badge as Badge,
     Claims as Claims,
+    JudgedClaim as JudgedClaim,
     KeyNumber as KeyNumber,
     Page as Page,
     Section as Section,
-    Status as Status,
     Verdict as Verdict,
     by_verdict as by_verdict,
     summary as summary,

@@ -142,7 +142,7 @@ _ACTIVE = re.compile(
 _MARKUP = re.compile(r"<!--.*?-->|<style\b.*?</style\s*>|<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>", re.DOTALL)
 
 
-class Block:
+class PageBlock:
     """Base of the parts of a page: HTML text, and perhaps anchors in it."""
 
     def html(self) -> str:
@@ -154,7 +154,7 @@ class Block:
         return ()
 
 
-class Anchored(Block):
+class Anchored(PageBlock):
     """A block with an anchor of its own.
 
     Raises InvalidInput: an anchor does not begin with a small letter, or has more than these, digits and hyphens.
@@ -176,7 +176,7 @@ class Anchored(Block):
 
 
 @dataclass(frozen=True)
-class Paragraph(Block):
+class Paragraph(PageBlock):
     """A paragraph; `` `code` `` between backticks is set as code."""
 
     text: str
@@ -202,7 +202,7 @@ class Listing(Paragraph):
 
 
 @dataclass(frozen=True)
-class Bullets(Block):
+class Bullets(PageBlock):
     """A list of short texts, which may be numbered."""
 
     items: tuple[str, ...]
@@ -533,7 +533,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Settings(Block):
+class Settings(PageBlock):
     """Settings in named groups, in the order given."""
 
     groups: Mapping[str, Sequence[Setting]]
@@ -564,7 +564,7 @@ class Settings(Block):
 
 
 @dataclass(frozen=True)
-class Provenance(Block):
+class Provenance(PageBlock):
     """Origin of a report: the command that makes it again ("" for a report written from Python),
     the seed (None where nothing was drawn), and name and version of what had a part, as `versions` finds them."""
 

@@ -19,10 +19,10 @@ from typing import Any, Literal, get_args
 from flexhinf.errors import refuse_if
 from flexhinf.report.blocks import (
     Anchored,
-    Block,
     Bullets,
     Figure,
     Note,
+    PageBlock,
     Provenance,
     Setting,
     Settings,
@@ -51,7 +51,7 @@ _BADGES = {
 
 
 @dataclass(frozen=True)
-class Claim(Anchored):
+class JudgedClaim(Anchored):
     """One claim of a paper, judged: "holds", "fails", "ties" (the difference lies within its own confidence interval)
     or "not judged"; another verdict is refused with `InvalidInput`.
 
@@ -67,7 +67,7 @@ class Claim(Anchored):
     evidence: str
     figures: tuple[str, ...] = ()
     criterion: str = ""
-    blocks: Sequence[Block] = ()
+    blocks: Sequence[PageBlock] = ()
     numbers: Mapping[str, object] = field(default_factory=dict[str, object])
     data: Any = None
     parts: Mapping[str, Verdict] = field(default_factory=dict[str, Verdict])
@@ -122,10 +122,10 @@ class Claim(Anchored):
 
 
 @dataclass(frozen=True)
-class Claims(Block):
+class Claims(PageBlock):
     """A table of judged claims, those that fail first; each row leads to the claim's evidence on the same page."""
 
-    claims: Sequence[Claim]
+    claims: Sequence[JudgedClaim]
 
     def html(self) -> str:
         """The table as HTML."""
@@ -143,17 +143,17 @@ class Claims(Block):
         )
 
 
-def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
+def by_verdict(claims: Sequence[JudgedClaim]) -> list[JudgedClaim]:
     """Claims with those that fail first, those that hold last; otherwise in their order."""
     return sorted(claims, key=lambda claim: ("fails", "ties", "not judged", "holds").index(claim.verdict))
 
 
-def summary(claims: Sequence[Claim]) -> str:
+def summary(claims: Sequence[JudgedClaim]) -> str:
     """Number of claims with each verdict, as a sentence.
 
     Examples
     --------
-    >>> summary([Claim("a", "A.", "holds", "1 < 2"), Claim("b", "B.", "fails", "2 > 1")])
+    >>> summary([JudgedClaim("a", "A.", "holds", "1 < 2"), JudgedClaim("b", "B.", "fails", "2 > 1")])
     'Of 2 claims 1 holds, 1 fails.'
     """
     verbs = {
@@ -175,7 +175,7 @@ def badge(kind: str) -> str:
 
 
 @dataclass(frozen=True)
-class Status:
+class Badge:
     """An entry at the top that says how far a result can be relied on: met, proved, not met, not proved, not judged
     or risky. Another kind is refused with `InvalidInput`."""
 
@@ -200,7 +200,7 @@ class Section(Anchored):
     """
 
     title: str
-    blocks: Sequence[Block]
+    blocks: Sequence[PageBlock]
     id: str
     open: bool = False
     group: str = ""
@@ -222,7 +222,7 @@ class Section(Anchored):
         )
 
 
-def arranged(blocks: Sequence[Block]) -> str:
+def arranged(blocks: Sequence[PageBlock]) -> str:
     """Blocks as HTML; figures that follow each other stand side by side where there is room."""
     parts: list[str] = []
     for pictures, run in groupby(blocks, lambda block: isinstance(block, Figure)):
@@ -248,7 +248,7 @@ class Page:
     settings: Settings
     provenance: Provenance
     numbers: Sequence[KeyNumber] = field(default=())
-    status: Sequence[Status] = field(default=())
+    status: Sequence[Badge] = field(default=())
     details: Sequence[str] = field(default=())
     lead: Sequence[Figure] = field(default=())
 
@@ -261,14 +261,14 @@ class Page:
             "another id",
         )
         blocks = [block for section in self.sections for block in section.blocks]
-        pointed = {n for b in blocks if isinstance(b, Claim) for n in b.figures} | {
+        pointed = {n for b in blocks if isinstance(b, JudgedClaim) for n in b.figures} | {
             f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims
         }
         refuse_if(
             lost := sorted(pointed - set(names)),
             "A claim points at a figure or at evidence that is not on the page.",
             f"not found: {', '.join(lost)}",
-            "a Figure, or a Claim for each",
+            "a Figure, or a JudgedClaim for each",
         )
 
     def _summary(self) -> str:

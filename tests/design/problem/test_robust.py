@@ -13,10 +13,10 @@ from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.presets import channels
 from flexhinf.design.problem.weights import (
     MIN_FRACTION,
-    Channel,
     LinearFamily,
     LinearProblem,
     RobustProblem,
+    UncertaintyChannel,
     find_scalings,
 )
 from flexhinf.errors import NoFeasibleGamma
@@ -39,7 +39,7 @@ class Case:
     nominal: HJISolution
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[UncertaintyChannel, ...]:
         return self.game.channels
 
     def loop(self, gain: np.ndarray, deltas: np.ndarray, share: float | None = None) -> np.ndarray:

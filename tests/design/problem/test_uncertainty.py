@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design.problem.presets import channels
-from flexhinf.design.problem.weights import Channel
+from flexhinf.design.problem.weights import UncertaintyChannel
 
 pytestmark = pytest.mark.oracle
 
@@ -21,7 +21,7 @@ def _matrices(robot: Any, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _deltas(
-    robot: Any, found: tuple[Channel, ...], pose: np.ndarray, values: dict[str, float]
+    robot: Any, found: tuple[UncertaintyChannel, ...], pose: np.ndarray, values: dict[str, float]
 ) -> tuple[np.ndarray, float]:
     """Δ of each channel for the robot with these values, and the share of its change that no Δ explains."""
     nominal, torques = _matrices(robot, pose)

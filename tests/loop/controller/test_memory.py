@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.memory import Layout
+from flexhinf.loop.controller.memory import VectorLayout
 
-LAYOUT = Layout({
+LAYOUT = VectorLayout({
     "belief": [np.zeros(2), np.eye(2)], "none": np.zeros(0), "gain": np.zeros((1, 3)), "one": np.zeros(1),
 })  # fmt: skip
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.memory import Part, Slice
+from flexhinf.codegen.memory import BufferPart, Slice
 
 #: Names that a function of the steps, or the code around it, has for something else.
 TAKEN = {
@@ -42,7 +42,7 @@ class Parts:
 
     buffer: str
     size: int
-    parts: Sequence[Part]
+    parts: Sequence[BufferPart]
     lanes: int = 1
     _said: set[str] = field(default_factory=set[str])
 
@@ -74,5 +74,5 @@ class Parts:
                 yield f"{real} *const {name} = {f'&{self.buffer}[{at}]' if at else self.buffer};"
 
     @staticmethod
-    def _pointer(part: Part) -> str:
+    def _pointer(part: BufferPart) -> str:
         return f"{part.name}_" if part.name in TAKEN else part.name

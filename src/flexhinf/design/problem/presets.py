@@ -36,13 +36,13 @@ from flexhinf.analysis import LinearCorners, modes
 from flexhinf.arrays import Elements
 from flexhinf.design.problem.weights import (
     BANDWIDTH_FRACTION,
-    Channel,
     DampingOutOfReach,
     LinearFamily,
     LinearProblem,
     RobustProblem,
     SearchResult,
     TargetBehaviour,
+    UncertaintyChannel,
     behaviour_of,
     find_scalings,
     required_bandwidth,
@@ -72,10 +72,10 @@ def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndar
     return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
 
 
-def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[UncertaintyChannel, ...]:
     """Channels of all uncertain parameters, each at the pose where it changes the robot most."""
     plant = robot.plant()
-    channel_list: list[Channel] = []
+    channel_list: list[UncertaintyChannel] = []
     linear = [(pose, plant.linearise(*robot.operating_point(pose))) for pose in poses]
     no_state, no_input = np.zeros(plant.n), np.zeros(len(plant.inputs))
     for parameter in robot.uncertain:
@@ -97,11 +97,11 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
                 if size > SMALL * sizes[0]:
                     root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
                     driven = (no_state, root * c) if kind == "input" else (root * c, no_input)
-                    channel_list.append(Channel((quantity, kind), root * t, *driven))
+                    channel_list.append(UncertaintyChannel((quantity, kind), root * t, *driven))
     return tuple(channel_list)
 
 
-def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[UncertaintyChannel, ...]:
     """The `channels` of a robot. Raises `InvalidInput` if there are none."""
     if channel_list := channels(robot, poses):
         return channel_list
@@ -211,7 +211,7 @@ def command_of(s: Specification) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Robustness:
+class ToleranceFraction:
     """The fraction of the tolerances for which the channels stand, and its cost in γ and gain.
 
     The inequality of the linear part is checked at corners of the tolerances, each at its own equilibrium. If it fails
@@ -245,7 +245,7 @@ class DesignProblem:
     gamma: float
     target: TargetBehaviour | None = None  # behaviour that weights were searched for
     search: SearchResult | None = None  # of the weights
-    robustness: Robustness | None = None
+    robustness: ToleranceFraction | None = None
     family: LinearFamily | None = None  # the robots for which weights were searched
     channels: ToleranceChannels | None = None  # of the preset robust
 
@@ -304,7 +304,7 @@ class ToleranceChannels:
         by_quantity: dict[str, list[float]] = {}
         for channel, log in zip(linear.channels, linear.log):
             by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
-        robustness = Robustness(
+        robustness = ToleranceFraction(
             linear.fraction / self.enlarged,
             len(linear.channels),
             problem.gamma_star,

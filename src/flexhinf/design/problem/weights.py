@@ -208,7 +208,7 @@ class LinearProblem:
 
 # The H∞ gain of all robots within the tolerances -----------------------------------------------------------
 @dataclass(frozen=True, eq=False)
-class Channel:
+class UncertaintyChannel:
     """A rank-one part of the effect of a tolerance; its signal comes from either the state or the input."""
 
     #: The parameter without its joint, and "state" or "input".
@@ -238,7 +238,7 @@ class RobustProblem:
 
     nominal: LinearProblem
     torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter
-    channels: tuple[Channel, ...]
+    channels: tuple[UncertaintyChannel, ...]
     log: np.ndarray  # log s of each channel
     fraction: float = 1.0  # of the tolerances, that the channels stand for
 
@@ -317,7 +317,7 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 
 
 def find_scalings(
-    nominal: LinearProblem, torques: np.ndarray, channels: tuple[Channel, ...], ratio: float
+    nominal: LinearProblem, torques: np.ndarray, channels: tuple[UncertaintyChannel, ...], ratio: float
 ) -> RobustProblem:
     """The problem with the scalings of its channels; the head of this file describes the search.
 
@@ -433,7 +433,7 @@ class TargetBehaviour:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class WeightCandidate:
     """Weights that were tried, and the behaviour with them."""
 
     target_frequency: np.ndarray  # (n,), ω of each joint, rad/s
@@ -457,8 +457,8 @@ class Candidate:
 class SearchResult:
     """The chosen weights, and all that were tried: one candidate per ζ, in the order of the search."""
 
-    chosen: Candidate
-    candidates: tuple[Candidate, ...]
+    chosen: WeightCandidate
+    candidates: tuple[WeightCandidate, ...]
 
 
 def search(
@@ -467,7 +467,7 @@ def search(
     synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]],
     antiresonance: float,
     each: bool = True,
-    near: Candidate | None = None,
+    near: WeightCandidate | None = None,
 ) -> SearchResult:
     """Search the weights with which the linear loop has the required bandwidth and damping.
 
@@ -481,7 +481,7 @@ def search(
         start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
         weights = near.damping_weights * target.damping / near.behaviour.damping
         proportional = (more * weights for more in PROPORTIONS)
-    attempt = _Search(target, family, synthesis, FASTEST * antiresonance, start)
+    attempt = _WeightSearch(target, family, synthesis, FASTEST * antiresonance, start)
     chosen = next((candidate for tried in proportional if (candidate := attempt.fit_damped(tried))), None)
     chosen = chosen or attempt.damped()
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:
@@ -490,16 +490,16 @@ def search(
 
 
 @dataclass
-class _Search:
+class _WeightSearch:
     target: TargetBehaviour
     family: LinearFamily
     synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]]
     fastest: float  # target frequency that is tried, rad/s
     start: np.ndarray  # (n,), target frequencies
-    tried: list[Candidate] = field(default_factory=list[Candidate])
+    tried: list[WeightCandidate] = field(default_factory=list[WeightCandidate])
     reached: float = 0.0  # largest fraction of the bandwidths that a stable loop had in all joints at once
 
-    def fit(self, damping_weight: float | np.ndarray) -> Candidate | None:
+    def fit(self, damping_weight: float | np.ndarray) -> WeightCandidate | None:
         """The inner search: the candidate of a ζ, or None if no target frequencies give the bandwidth."""
         bandwidth = self.target.bandwidth
         weights = np.broadcast_to(np.asarray(damping_weight, dtype=float), len(bandwidth))
@@ -515,21 +515,21 @@ class _Search:
             self.reached = max(self.reached, float((behaviour.bandwidth / bandwidth).min()))
             ratio = bandwidth / np.maximum(behaviour.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
-                self.tried.append(Candidate(frequency, weights, design, star, behaviour))
+                self.tried.append(WeightCandidate(frequency, weights, design, star, behaviour))
                 return self.tried[-1]
             frequency = frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
             if np.any(frequency > self.fastest):
                 break
         return None
 
-    def fit_damped(self, damping_weight: float | np.ndarray) -> Candidate | None:
+    def fit_damped(self, damping_weight: float | np.ndarray) -> WeightCandidate | None:
         candidate = self.fit(damping_weight)
         return candidate if candidate and candidate.behaviour.damping >= self.target.damping else None
 
-    def damped(self) -> Candidate:
+    def damped(self) -> WeightCandidate:
         """The smallest ζ with which every oscillation is damped as required, by growth and bisection."""
         damping_weight, below = 0.0, 0.0
-        best: Candidate | None = None
+        best: WeightCandidate | None = None
         while damping_weight <= LARGEST:
             tried = self.fit(damping_weight)
             if tried is not None:
@@ -562,7 +562,7 @@ class _Search:
         _, candidate = bisected(self.fit_damped, tried.damping_weight, below, width, relative=False)
         return candidate or tried
 
-    def lowered(self, best: Candidate) -> Candidate:
+    def lowered(self, best: WeightCandidate) -> WeightCandidate:
         """Lower the ζ of each joint to the value that its vibration needs, in turn, the most damped joint first.
 
         Every oscillation keeps the required damping, so a ζ that other joints need is kept.

@@ -167,7 +167,7 @@ def search_noise(
     if not is_kalman(s) or s.process_noise is not None or s.torque_noise is not None:
         return None
     try:
-        search = _Search(setup, damping)
+        search = _LevelSearch(setup, damping)
         result, own = search.run(), None if levels is None else search.candidate(levels)
     except FlexhinfError:
         return None
@@ -180,7 +180,7 @@ def _order(candidate: NoiseCandidate) -> tuple[float, float]:
     return candidate.judgement().order
 
 
-class _Search:
+class _LevelSearch:
     """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
 
     def __init__(self, setup: LoopSetup, damping: float | None) -> None:

@@ -34,7 +34,7 @@ from flexhinf.design import checks, monte_carlo, plans, proved_step, responses
 from flexhinf.design.loop_setup import LoopPlants, LoopSetup
 from flexhinf.design.noise_levels import EstimatorNoise, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
-from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
+from flexhinf.design.problem.weights import SearchResult, WeightCandidate, behaviour_of
 from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.synthesis import by_step
@@ -177,7 +177,9 @@ class _WholeLoop:
             return replace(own.solved, preset="robust"), self.levels, outcome
         weights = frequency, damping, fraction = self.settings(x)
         design, star = self.channels.linear(*weights).design(best.solved.gamma), best.solved.gamma_star
-        chosen = Candidate(frequency, damping, design, star, behaviour_of(self.channels.family, design.gain))
+        chosen = WeightCandidate(
+            frequency, damping, design, star, behaviour_of(self.channels.family, design.gain)
+        )
         source = (
             f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
             f"{own.scale:.3g} with the preset damped"
@@ -588,5 +590,6 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
 
 def checked_penalty(stated: Any, plant: Plant) -> Any:
     """The checked penalty as stated, its plain names spelled out for every joint of a plant."""
-    plain = stated is None or callable(stated)
-    return stated if plain else Penalty.of(stated).expanded(plant.groups).states
+    if stated is None or callable(stated):
+        return stated
+    return Penalty.of(stated).expanded(plant.groups).states

@@ -248,7 +248,7 @@ def compare_over_workspace(
         kind = law_kind(name)
         progress(f"{name}: tune{' (stated gains)' * (name in checked)}")
         try:
-            found = _Search(setup, kind, same_sensors)
+            found = _RivalSearch(setup, kind, same_sensors)
             rival, numbers = found.stated(checked[name]) if name in checked else found.tuned()
             judged = judged_design(rival, partial(_prefixed, progress, name), undamped=False)
         except FlexhinfError as error:
@@ -262,7 +262,7 @@ def _prefixed(progress: Progress, name: str, text: str) -> None:
     progress(f"{name}: {text}")
 
 
-class _Search:
+class _RivalSearch:
     """The search for a rival."""
 
     def __init__(self, own: WorkspaceSetup, kind: LawKind, same_sensors: bool) -> None:

@@ -82,7 +82,7 @@ STIFF_NOTE = (
 POSES, SEED, MOST_ENDS = 3, 0, 4
 
 
-class Payload(TypedDict):
+class PayloadSlider(TypedDict):
     """A payload's slider: the name of its mass, the ends of its tolerance and of the slider, kg."""
 
     name: str
@@ -94,7 +94,7 @@ class Payload(TypedDict):
     high: float
 
 
-class Slider(Payload):
+class Slider(PayloadSlider):
     """A slider of any number of the robot, in its unit."""
 
     quantity: str
@@ -450,10 +450,10 @@ class LiveArm:
         )
 
     @cached_property
-    def payloads(self) -> list[Payload]:
+    def payloads(self) -> list[PayloadSlider]:
         """The payloads."""
         masses = [p.value for p in self.robot.parameters if p.name.split("_")[0] == "mass"]
-        rows: list[Payload] = []
+        rows: list[PayloadSlider] = []
         for parameter in payload_masses(self.loaded.parameters):
             low, high = parameter.interval
             most = max(1.5 * high, 0.5 * min(masses, default=1.0), 1.5 * parameter.value)

@@ -27,8 +27,8 @@ from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
-    Layout,
     StateHistory,
+    VectorLayout,
     braking_place,
     filler,
     measurement_filler,
@@ -52,7 +52,7 @@ from flexhinf.loop.controller.options import (
 )
 from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
-from flexhinf.loop.controller.step import STEPS, Mode, controller_step
+from flexhinf.loop.controller.step import STEPS, StepMode, controller_step
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
@@ -196,7 +196,7 @@ class Controller(Summarised):
         if windup is not None:
             windup.check(self.laws)
         back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), (), ())
-        self.mode = Mode(
+        self.mode = StepMode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
@@ -295,14 +295,14 @@ class Controller(Summarised):
 
     # What is data and what is remembered ------------------------------------------------------------
     @cached_property
-    def memory(self) -> Layout:
+    def memory(self) -> VectorLayout:
         """Layout of the memory that one step passes to the next."""
-        return Layout(self._initial_values())
+        return VectorLayout(self._initial_values())
 
     @cached_property
-    def data(self) -> Layout:
+    def data(self) -> VectorLayout:
         """Layout of the step's numbers (law, limits, estimator): changing them compiles nothing."""
-        return Layout(self._data_values)
+        return VectorLayout(self._data_values)
 
     @cached_property
     def data_vector(self) -> np.ndarray:

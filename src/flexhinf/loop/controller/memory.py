@@ -23,7 +23,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from flexhinf.codegen import Buffer, Copy, Guard, Part, Program, Slice
+from flexhinf.codegen import Buffer, BufferPart, Copy, Guard, Program, Slice
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod
 from flexhinf.validation import real_array, value_text
@@ -31,7 +31,7 @@ from flexhinf.validation import real_array, value_text
 Shape = tuple[int, ...]
 
 
-class Layout:
+class VectorLayout:
     """Layout of a flat vector of `size` numbers: shapes of its named parts, in their order, and their `places` in it.
 
     It is that of arrays by name, a list for a tuple of arrays.
@@ -261,7 +261,7 @@ def step_program(
     commanded: bool,
     gaps: bool,
     steps: Callable[[dict[str, Slice | None]], tuple[tuple[Step, ...], tuple[Buffer, ...]]],
-    parts: Mapping[str, tuple[Part, ...]] = MappingProxyType({}),
+    parts: Mapping[str, tuple[BufferPart, ...]] = MappingProxyType({}),
 ) -> Program:
     """One step as a transaction: `memory` and `estimate` are written where everything is finite.
 

@@ -53,7 +53,7 @@ from flexhinf.validation import checked_kind, value_text
 
 
 @dataclass(frozen=True)
-class Mode:
+class StepMode:
     """Options that change the code of a step, beside law and estimator.
 
     `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals at
@@ -137,7 +137,7 @@ class Mode:
         return self.start == "bumpless" or self.laws > 1
 
 
-STANDING = Mode()
+STANDING = StepMode()
 
 
 def controller_step(
@@ -149,7 +149,7 @@ def controller_step(
     memory: Any,
     data: Any,
     run: Any = DIRECT,
-    mode: Mode = STANDING,
+    mode: StepMode = STANDING,
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
@@ -569,7 +569,7 @@ def _joined(
 
 
 def chosen_law(
-    run: Any, places: Sequence[int], mode: Mode, r: Any, active: Any, started: Any, data: Any
+    run: Any, places: Sequence[int], mode: StepMode, r: Any, active: Any, started: Any, data: Any
 ) -> tuple[Any, ...]:
     """Which law is active at this sample, and its numbers.
 

@@ -37,7 +37,7 @@ from flexhinf.loop.simulation.inputs import (
     start_text,
     starting_state,
 )
-from flexhinf.loop.simulation.metrics import Command, Reduction, common_reduction, tracking_reductions
+from flexhinf.loop.simulation.metrics import CommandFacts, Reduction, common_reduction, tracking_reductions
 from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, checked_sensors
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
@@ -525,7 +525,7 @@ class Loop(Summarised):
                 "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
             )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
-        command = Command.of(commands[: len(times)], controller.period)
+        command = CommandFacts.of(commands[: len(times)], controller.period)
         start: dict[str, np.ndarray] = {
             "x": starting_state(initial_state, plant.states, controller),
             "held": controller.input_before(initial_input),

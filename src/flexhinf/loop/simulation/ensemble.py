@@ -34,7 +34,7 @@ from flexhinf.loop.simulation.inputs import (
     start_text,
     white_noise,
 )
-from flexhinf.loop.simulation.metrics import Command, EnsembleResult, Place, Reduction
+from flexhinf.loop.simulation.metrics import CommandFacts, EnsembleResult, Place, Reduction
 from flexhinf.loop.simulation.program import (
     Channel,
     EnsembleOptions,
@@ -137,7 +137,7 @@ class PreparedRun:
 
     def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
         """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
-        and the last sample of its `Status`."""
+        and the last sample of its `RunStatus`."""
         code, (arrays, counts) = self.code, self.buffers()
         status = (code.kernel() if kernel is None else kernel).run(arrays, counts)
         arrays["inputs"] = arrays["inputs"][counts["late"] :]
@@ -159,7 +159,7 @@ def zeros(size: int) -> np.ndarray:
 class Recorded(NamedTuple):
     """Records of N runs."""
 
-    codes: np.ndarray  # (N,), of their `Status`
+    codes: np.ndarray  # (N,), of their `RunStatus`
     steps: np.ndarray  # (N,), the last sample
     reduction_memory: np.ndarray  # (k, N), memories of the reductions
     kept: np.ndarray  # (N, T, j), signals at some samples, NaN after the last one of a run that failed
@@ -173,7 +173,7 @@ class Ensemble:
     plant: Plant  # the nominal true plant
     controller: Controller
     channel: Channel
-    command: Command
+    command: CommandFacts
     commands: np.ndarray  # (N, r), which these are the facts about, and those that a latency looks ahead to
     start: Mapping[str, np.ndarray]  # what every run starts with, unless it has its own, by buffer
     shared: Mapping[str, np.ndarray]  # what all runs read, by buffer

@@ -265,7 +265,7 @@ def _last_outside(deviation: np.ndarray, height: float) -> int:  # of the settli
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class CommandFacts:
     """Facts about the command, known before the run, for each of its r channels: the period, s, and the samples of the
     run; the command at the first and at the last one; the first sample at which it differs from the first one, 0 where
     none does; and whether it stands still in the last tenth of the run, see `flexhinf.loop.step_shape`."""
@@ -278,7 +278,7 @@ class Command:
     steps: np.ndarray
 
     @classmethod
-    def of(cls, commands: np.ndarray, period: float) -> Command:
+    def of(cls, commands: np.ndarray, period: float) -> CommandFacts:
         """Facts about a command (N, r)."""
         change = np.argmax(commands != commands[0], axis=0)
         steps = np.all(tail_of(commands) == commands[-1], axis=0)
@@ -296,7 +296,7 @@ class Instant:
 
     `step` is its number 0, 1, …; the signals are as in `Trajectory.signals`: the state of the true plant, the estimate
     from this sample's measurement, the measurement, the input that the controller gives, the command. `tail` is the
-    first sample of the last tenth of the run, and `first`, `last` and `change` (r,) are those of `Command`.
+    first sample of the last tenth of the run, and `first`, `last` and `change` (r,) are those of `CommandFacts`.
     """
 
     step: Any
@@ -322,14 +322,14 @@ class Reduction:
     update : callable
         Memory (k,) and `Instant` → memory after this sample (k,).
     result : callable
-        Memories (k, N) of N runs at their end, and the `Command` → arrays by name, (N,) or (N, j).
+        Memories (k, N) of N runs at their end, and the `CommandFacts` → arrays by name, (N,) or (N, j).
     key : hashable
         Reductions with the same key have the same update. By default the function itself.
     """
 
     start: Sequence[float]
     update: Callable[[Any, Instant], Any]
-    result: Callable[[np.ndarray, Command], dict[str, np.ndarray]]
+    result: Callable[[np.ndarray, CommandFacts], dict[str, np.ndarray]]
     key: Hashable = field(default=None)
 
     def __post_init__(self) -> None:
@@ -482,7 +482,7 @@ def _step(place: Place, kept: Any, now: Instant) -> Any:
     return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
 
 
-def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _step_metrics(place: Place, kept: np.ndarray, command: CommandFacts) -> dict[str, np.ndarray]:
     height = command.last[place.command] - kept[0]
     start, last, period = command.change[place.command], command.samples - 1, command.period
     metrics = _stepped_metrics(kept, height, start, start * period, last, lambda sample: sample * period)
@@ -495,7 +495,7 @@ def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
     return np.array([*_stepped(step, now.step, now.state[state], (step[0], end, 0.0)), end])
 
 
-def _fixed_step_metrics(state: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _fixed_step_metrics(state: int, kept: np.ndarray, command: CommandFacts) -> dict[str, np.ndarray]:
     height, last = kept[-1] - kept[0], command.samples - 1
     metrics = _stepped_metrics(kept[:-1], height, 0.0, 0.0, last, lambda sample: sample * command.period)
     return {f"{state} {name}": values for name, values in metrics.items()}
@@ -506,7 +506,7 @@ def _error(place: Place, kept: Any, now: Instant) -> Any:
     return np.array([updated_late_error(now, kept[0], error), kept[1] + error * error])
 
 
-def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _error_metrics(kept: np.ndarray, command: CommandFacts) -> dict[str, np.ndarray]:
     return {"steady_state_error": kept[0], "tracking_rmse": np.sqrt(kept[1] / command.samples)}
 
 
@@ -516,5 +516,5 @@ def _common(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
     return np.array([reduce(updated_peak, now.input, kept[0]), *totals])
 
 
-def _common_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _common_metrics(kept: np.ndarray, command: CommandFacts) -> dict[str, np.ndarray]:
     return {"peak_input": kept[0], "estimation_rmse": np.sqrt(kept[1:] / command.samples).T}

@@ -79,7 +79,7 @@ def margins(design: PoseEvidence) -> Blocks:
                 f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
                 f"{raised if m.peak_sensitivity > own.peak_sensitivity else ''}."
             )
-    loops, units = [Loop("this law", e.frequency_response)], units_of(e)
+    loops, units = [LoopLine("this law", e.frequency_response)], units_of(e)
     yield from (
         Paragraph(text),
         margin_table(e),
@@ -241,7 +241,7 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
 
 
 # Frequency responses ------------------------------------------------------------------------------------
-class Loop(NamedTuple):
+class LoopLine(NamedTuple):
     """A loop in the frequency figures: name in the legend, frequency response, and number of its line style."""
 
     name: str
@@ -250,7 +250,7 @@ class Loop(NamedTuple):
 
 
 def frequency_figures(
-    loops: Sequence[Loop], joints: Sequence[str], compliance: Sequence[str]
+    loops: Sequence[LoopLine], joints: Sequence[str], compliance: Sequence[str]
 ) -> list[Figure]:
     """Bode, sensitivity and Nyquist diagram of one loop, a line for each joint; or of several, a line for each, of the
     joint that a torque on its link moves most. `compliance`: of each joint the unit of a link position over a torque on
@@ -258,7 +258,7 @@ def frequency_figures(
     return [_bode(loops, joints, compliance), _sensitivity(loops), _nyquist(loops, joints)] if loops else []
 
 
-def _bode(loops: Sequence[Loop], joints: Sequence[str], compliance: Sequence[str]) -> Figure:
+def _bode(loops: Sequence[LoopLine], joints: Sequence[str], compliance: Sequence[str]) -> Figure:
     lines, command, phase, torque = _lines(loops, joints), list[Line](), list[Line](), dict[str, list[Line]]()
     for name, style, response, joint in lines:
         below = response.frequencies <= 0.97 * np.pi / response.linear.period  # at its end the phase jumps
@@ -285,7 +285,7 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], compliance: Sequence[str
     )
 
 
-def _sensitivity(loops: Sequence[Loop]) -> Figure:
+def _sensitivity(loops: Sequence[LoopLine]) -> Figure:
     alone = len(loops) == 1
     curves = [
         ("sensitivity S" if alone else x.name, x.response, x.response.sensitivity, x.style) for x in loops
@@ -320,7 +320,7 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
     )
 
 
-def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
+def _nyquist(loops: Sequence[LoopLine], joints: Sequence[str]) -> Figure:
     lines, closest, distance = list[Line](), "", np.inf
     for place, (name, style, response, joint) in enumerate(_lines(loops, joints)):
         opened = response.input_loops[:, joint]
@@ -357,7 +357,7 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
 
 
 def _lines(
-    loops: Sequence[Loop], joints: Sequence[str]
+    loops: Sequence[LoopLine], joints: Sequence[str]
 ) -> list[tuple[str, LineStyle, FrequencyResponse, int]]:
     """Name, style, response and joint of each line; of several loops the joint that a torque moves most in the 1st."""
     first = loops[0].response

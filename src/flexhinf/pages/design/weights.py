@@ -9,8 +9,8 @@ import numpy as np
 
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.problem.presets import Robustness, required_damping
-from flexhinf.design.problem.weights import Candidate, SearchResult, TargetBehaviour
+from flexhinf.design.problem.presets import ToleranceFraction, required_damping
+from flexhinf.design.problem.weights import SearchResult, TargetBehaviour, WeightCandidate
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.steps import NOISE, WholeLoopSearch
 from flexhinf.numerals import number
@@ -103,7 +103,7 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
         f"tolerances.{' The weights in use are of the search on the running loop (below).' if replaced else ''}"
     )
 
-    def lines(value: Callable[[Candidate], float], name: str, color: str) -> list[Line]:
+    def lines(value: Callable[[WeightCandidate], float], name: str, color: str) -> list[Line]:
         dots: LineStyle = {"color": color, "marker": "o", "markersize": 3.5, "linewidth": 1.2}
         square: LineStyle = {"color": color, "marker": "s", "linestyle": "none"}
         groups = [(candidates, dots, name), *[([search.chosen], square, f"in use, {name}")] * replaced]
@@ -225,7 +225,7 @@ def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, floa
     ]
 
 
-def robust_table(r: Robustness) -> Table:
+def robust_table(r: ToleranceFraction) -> Table:
     """Table of γ* and of the attained level, without and with the tolerance channels."""
     return Table(
         (
@@ -247,7 +247,7 @@ def robust_table(r: Robustness) -> Table:
     )
 
 
-def _robust_text(r: Robustness) -> str:
+def _robust_text(r: ToleranceFraction) -> str:
     which = f"{'all' if r.all_corners else 'the sampled'} {r.corners} corners"
     larger = f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
     products = (
