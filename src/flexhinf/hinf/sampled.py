@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from flexhinf.hinf.rays import Landscape, RayInequality, Stops, ascend, touching
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised
 from flexhinf.numerals import number_text
-from flexhinf.plant.penalty import Penalty
+from flexhinf.plant.penalty import Penalty, StateWeights
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.validation import real_array
 
@@ -54,9 +54,7 @@ DEFINITE = 1e-9
 _SLOPE_STEP = 1e-4  # deviation for the slope of a penalty function
 
 #: h of a check: a `Penalty` with the R2 of the design, or the weights, the matrix or the function h(x) alone.
-CheckedPenalty = (
-    Penalty | Callable[[np.ndarray], np.ndarray] | Mapping[str, Any] | Sequence[float] | np.ndarray
-)
+CheckedPenalty = Penalty | StateWeights
 
 
 class CheckedPair(NamedTuple):
@@ -183,7 +181,9 @@ def checked_pair(
         text = f"{level}, {PENALTY_MARGIN} times the designed penalty"
         return CheckedPair(float(checked), lambda x, h: PENALTY_MARGIN * h, text)
     if callable(penalty):
-        return CheckedPair(float(checked), lambda x, h: penalty(x), f"{level}, a given penalty function")
+        return CheckedPair(
+            float(checked), lambda x, h: np.asarray(penalty(x)), f"{level}, a given penalty function"
+        )
     n, names = len(solution.P), solution.state_names
     if isinstance(penalty, Mapping):
         groups = {}  # link_position_elbow is one joint's of link_position, and so for integrals

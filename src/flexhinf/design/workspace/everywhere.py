@@ -216,7 +216,11 @@ def _body_sector(body: Numbers) -> Sector:
 
     split = EXACT  # what is lost is concave in t
     if np.ptp(centre, axis=1).max() > 0.0:
-        best: Any = minimize_scalar(lambda t: -least(t), bounds=(EXACT, 1.0 - EXACT), method="bounded")
+
+        def lost(t: float) -> float:
+            return -least(t)
+
+        best: Any = minimize_scalar(lost, bounds=(EXACT, 1.0 - EXACT), method="bounded")
         split = float(best.x)
     body["split"] = split
     lightest = least(split)
