@@ -563,7 +563,9 @@ class CampaignOptions:
     # fmt: off
     samples: Whole = option(1000, SEARCH, "Number of robots.", "1000")
     seed: Whole = option(0, ADVANCED, "Seed of the samples; sample i depends on it and on i alone.", "0")
-    batch: Whole = option(256, ADVANCED, "Samples in one file of the journal. A kill loses at most so many.", "256")
+    batch: Whole | None = option(None, ADVANCED,
+        "Samples in one file of the journal. A kill loses at most so many.", "256",
+        default="256, up to 4,096 of short runs")
     distribution: Text = option("uniform", UNCERTAIN,
         "How parameters vary within their tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, "
         "corners.", "normal")
@@ -589,7 +591,7 @@ class CampaignOptions:
     def __post_init__(self) -> None:
         from flexhinf.campaign import DISTRIBUTIONS, METHODS, check_counts  # not for `flexhinf --help`
 
-        check_counts(self.samples, self.seed, self.batch)
+        check_counts(self.samples, self.seed, 1 if self.batch is None else self.batch)
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         one_of("There is no such method.", self.method, METHODS)
         for name in ("initial_error", "disturbance", "encoder_offset", "extra_delay"):

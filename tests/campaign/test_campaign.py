@@ -29,6 +29,19 @@ def same(a, b):
     )
 
 
+def test_a_batch_of_short_runs_holds_more(loop):
+    """Unless they are made one by one."""
+
+    def batch(duration, **changes):
+        given = {"draw": tolerances(), "options": {**OPTIONS, "duration": duration}, **changes}
+        return Campaign(loop, samples=20_000, **given).batch
+
+    period = loop.controller.period
+    assert [batch(steps * period) for steps in (100, 8_000, 1_000_000)] == [4_096, 2_048, 256]
+    assert batch(100 * period, metrics=[replace(STANDARD, reduced=None)]) == 256
+    assert batch(100 * period, draw=lambda rng: Sample({"mass": 1.0}, delay=period)) == 256
+
+
 @pytest.mark.ci("starts a process of its own")
 def test_a_sample_has_the_same_bits_alone_in_any_batch_and_in_another_process(loop):
     arguments = {"seed": 5, **OPTIONS}

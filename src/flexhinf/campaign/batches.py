@@ -56,6 +56,10 @@ DURATION = 8.0
 #: Samples of a batch, by default and at most.
 BATCH, LARGEST_BATCH = 256, 65_536
 
+#: Steps of a batch by default, times the cube of the states: 0.2 s of a core. A file costs some ms whatever it holds,
+#: so that of short runs it holds more, at most so many times `BATCH`.
+WORK, MOST_TIMES = 1 << 27, 16
+
 #: Instants at which signals are kept, and the number of runs (the first ones) whose signals are kept.
 INSTANTS, TRACED = 200, 10_000
 
@@ -98,7 +102,7 @@ class Campaign:
     `options`: of `Loop.run`, for every sample.
     `metrics`: see `chosen_metrics`.
     `signals`: states that are kept at some instants, for bands; by default the tracked ones.
-    `batch`: samples of a batch. No sample depends on it.
+    `batch`: samples of a batch; by default `BATCH`, or more of short runs. No sample depends on it.
     `about`: further settings that are compared when the campaign continues, such as the specification of a design.
 
     `batches`: their number. `instants`, `time`: samples (T,) at which signals are kept, and their times, s; the first
@@ -117,7 +121,7 @@ class Campaign:
         options: RunOptions | None = None,
         metrics: MetricsLike = None,
         signals: Sequence[str] | None = None,
-        batch: int = BATCH,
+        batch: int | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
         checked_kind("A campaign needs a loop.", loop, Loop, "a Loop", "fh.Loop(plant, controller)")
@@ -129,9 +133,8 @@ class Campaign:
                 "robot.draw, or flexhinf.campaign.Tolerances([...])",
             )
             draw = FunctionDraw(draw)
-        check_counts(samples, seed, batch)
-        self.loop, self.draw, self.samples, self.seed, self.batch = loop, draw, samples, seed, batch
-        self.batches, self.about = -(-samples // batch), about or {}
+        check_counts(samples, seed, BATCH if batch is None else batch)
+        self.loop, self.draw, self.samples, self.seed, self.about = loop, draw, samples, seed, about or {}
         stated: RunOptions = options or {}
         self.duration = stated.get("duration", DURATION)
         self.options: RunOptions = {"duration": self.duration, **stated}
@@ -141,6 +144,8 @@ class Campaign:
         last = sample_count(self.duration, loop.controller.period) - 1
         self.instants = np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
         self.time = self.instants * loop.controller.period
+        self.batch = self._usual_batch(last + 1) if batch is None else batch
+        self.batches = -(-samples // self.batch)
         names = [*OWN, *self._first.row(), *(name for metrics in self.metrics for name in metrics.units)]
         clash = sorted({name for name in names if names.count(name) > 1})
         refuse_if(
@@ -160,6 +165,12 @@ class Campaign:
     @cached_property
     def _first(self) -> Sample:
         return self.draw.samples([0], self.samples, self.seed)[0]
+
+    def _usual_batch(self, steps: int) -> int:
+        """Samples of a batch of runs of so many steps; runs that are made one by one are slower than `WORK` says."""
+        alone = not self._reduces or self._mode(self._first) == ALONE
+        times = WORK // (BATCH * steps * len(self.loop.true_plant.states) ** 3)
+        return BATCH if alone else BATCH * max(1, min(times, MOST_TIMES))
 
     def indices(self, batch: int) -> range:
         """Indices of the samples of a batch."""
@@ -288,10 +299,15 @@ class Campaign:
                 places.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
         return places
 
+    @property
+    def _reduces(self) -> bool:
+        """Whether no metric needs whole signals."""
+        return isinstance(self.loop.true_plant, Plant) and all(m.reduced is not None for m in self.metrics)
+
     @cached_property
     def ensemble(self) -> Ensemble | None:
         """Simulation of many runs at once that keeps only numbers; None where a metric needs whole signals."""
-        if not isinstance(self.loop.true_plant, Plant) or any(m.reduced is None for m in self.metrics):
+        if not self._reduces:
             return None
         reductions = [reduction for metrics in self.metrics for reduction in metrics.reductions]
         ensemble = self._own_loop().ensemble(

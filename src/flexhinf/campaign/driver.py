@@ -28,7 +28,6 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.batches import (
-    BATCH,
     LARGEST_BATCH,
     TRACED,
     Campaign,
@@ -399,7 +398,7 @@ def run_campaign(
     folder: str | os.PathLike[str] | None = None,
     workers: int = 0,
     threads: int | None = None,
-    batch: int = BATCH,
+    batch: int | None = None,
     progress: Callable[[Report], None] = lambda report: None,
     **options: Unpack[RunOptions],
 ) -> xr.Dataset:
@@ -425,8 +424,8 @@ def run_campaign(
         Processes; 0: this one.
     threads : int, optional
         Of all processes together; by default as many as the process may use processors. No number depends on them.
-    batch : int
-        Samples per batch, which is one file of the journal.
+    batch : int, optional
+        Samples per batch, which is one file of the journal; 256 by default, up to 4,096 of short runs.
     **options
         Of `Loop.run`, for all samples: reference, disturbance, noise, duration, initial_state, initial_input,
         multi_turn.

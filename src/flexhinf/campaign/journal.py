@@ -78,7 +78,7 @@ Stored = TypeVar("Stored")
 Row: TypeAlias = dict[str, int | float | str]
 
 
-def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
+def write_whole(path: Path, content: bytes | memoryview, prefix: str | None = None) -> None:
     """Write a file under a temporary name, force it to the disk, and rename it.
 
     `prefix`: Of that name, where `clear_parts` has removed what was left over.
@@ -302,7 +302,7 @@ class Journal:
         schema, stream = self._schema_of(batch), BufferOutputStream()
         table = Table.from_arrays([arrow_array(rows[name]) for name in schema.names], schema=schema)
         parquet.write_table(table, stream, **BATCH_FORMAT)
-        content = stream.getvalue().to_pybytes()
+        content = memoryview(stream.getvalue())
         digest = hashlib.sha256(content).hexdigest()[:16]
         path = self.folder / SHARDS / f"batch-{batch:08d}-{digest}.parquet"
         with disk_refusals(self.folder):
@@ -569,7 +569,7 @@ class Journal:
             "the campaign's command again, or the folders of the other shards",
         )
         schema, path, group = self._table_schema, self.folder / TABLE, []
-        read = in_threads(lambda batch: read_columns(good[batch], schema.names), range(self.batches), READERS)
+        read = in_threads(lambda batch: self.rows(good[batch], schema.names), range(self.batches), READERS)
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
             with parquet.ParquetWriter(name, schema, **TABLE_FORMAT) as writer:
                 for batch, rows in enumerate(read):

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import PART, TRACED, Campaign, TableColumn, rows_of
-from flexhinf.campaign.journal import READERS, Journal
+from flexhinf.campaign.journal import READERS, TABLE, Journal
 from flexhinf.campaign.manifest import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, MetricLimit
 from flexhinf.campaign.parquet import numpy_column, read_columns
@@ -170,7 +170,9 @@ class MergedTable(CampaignTable):
 
     def dataset(self) -> xr.Dataset:
         """The rows as an xarray Dataset; see `run_campaign`."""
-        rows = {**self.columns, **{name: self.trace(name) for name in self.names("trace")}}
+        table = read_columns(self.journal.folder / TABLE)
+        rows = {name: numpy_column(table.column(name)) for name in table.column_names}
+        rows |= {name: self.trace(name) for name in self.names("trace")}
         return labelled(rows, self.described, self.journal.time, self.settings)
 
 

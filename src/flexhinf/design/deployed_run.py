@@ -356,7 +356,7 @@ class DesignCampaign(ABC, Generic[LawOfRuns]):
         return {
             "samples": str(o.samples),
             "seed": str(o.seed),
-            "batch": str(o.batch),
+            **({} if o.batch is None else {"batch": str(o.batch)}),
             "method": o.method,
             **{f"variable {v.name}": v.text() for v in self.variables},
             **self.runs,
