@@ -270,13 +270,13 @@ def test_a_rival_gets_the_fastest_candidate_that_keeps_the_rule(
 # Designs and rows -----------------------------------------------------------------------------------
 def test_the_command_that_a_design_names_is_read() -> None:
     text = (
-        "next: flexhinf design arm.toml --measured link_position,motor_position --out arm --gain-margin 1.8 "
+        "next: flexhinf design arm.toml --measured link_position,motor_position --out arm --set gain_margin=1.8 "
         "--remaining-error 0.002  # meets every requirement\n"
     )
     words = named(text)
     assert words is not None
     assert "--out" not in words
-    assert added(words) == ["--gain-margin", "1.8", "--remaining-error", "0.002"]
+    assert added(words) == ["--set", "gain_margin=1.8", "--remaining-error", "0.002"]
     shown = "next: flexhinf export web arm  # shows this design as it is\n"
     assert named(shown) is None
 

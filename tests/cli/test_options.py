@@ -15,7 +15,7 @@ from tests.builders import arm_controller
 from typer.main import get_command
 
 import flexhinf as fh
-from flexhinf import pages
+from flexhinf import pages, report
 from flexhinf.cli import main
 from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
 from flexhinf.cli.check_log import check_log
@@ -25,8 +25,10 @@ from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS, Com
 from flexhinf.design.laws import DESIGN, LAWS
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis import by_step
+from flexhinf.errors import InvalidInput
 from flexhinf.options import CampaignOptions, declared, option_name
 from flexhinf.paper import PaperSettings
+from flexhinf.processors import thread_count
 
 # What is computed here is computed once: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -340,7 +342,8 @@ def test_every_option_of_a_command_is_passed_on_or_read(path: tuple[str, ...]) -
     source = "\n".join(Path(str(file)).read_text(encoding="utf-8") for file in files)
     whole = declared({"campaign": CampaignOptions, "paper": PaperSettings}.get(path[0], Specification))
     for name in function.options:
-        assert name in function.fields or name in whole or f"o.{name}" in source, name
+        taken = f"o.{name}" in source or f'read.get("{name}")' in source  # by its command, or for every one
+        assert name in function.fields or name in whole or taken, name
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
@@ -350,6 +353,30 @@ def test_an_option_has_the_name_of_its_field(path: tuple[str, ...]) -> None:
         if parameter.name in function.options and parameter.param_type_name == "option":
             assert parameter.opts == [option_name(parameter.name)]
             assert parameter.rich_help_panel is not None
+
+
+def test_every_long_command_uses_the_threads_that_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before it writes, and no longer than it runs."""
+    seen, usual = list[int](), thread_count()
+
+    def stop(out: Path) -> Path:
+        seen.append(thread_count())
+        raise InvalidInput("Enough.", "expected this", "nothing")
+
+    monkeypatch.setattr(report, "check", stop)
+    for words in (
+        ["design", "planar-two-link"],
+        ["compare", "paper", "--pose", "5deg"],
+        ["certify", "paper"],
+        ["paper"],
+    ):
+        assert main([*words, "--threads", str(usual + 1)]) == 2
+    assert seen == [usual + 1] * 4
+    assert thread_count() == usual
+    long = {
+        " ".join(path) for path, one in COMMANDS.items() if "threads" in inspect.unwrap(one.callback).options
+    }
+    assert long == {"design", "compare", "certify", "paper", "campaign run", "campaign compare"}
 
 
 def test_a_design_has_forty_options_at_most() -> None:

@@ -76,16 +76,15 @@ def test_joints_that_are_tried_rigid_have_a_file_that_the_command_takes(
     monkeypatch.setattr(advice, "unseen", lambda robot, period: () if robot.rigid else ("elbow",))
     monkeypatch.setattr(advice.Trial, "met", property(lambda trial: trial.whole))
     monkeypatch.setattr(advice, "relaxable", lambda line: True)
-    assert (
-        main(["design", "planar-two-link", "--gain-margin", "9", "--draws", "0", "--saturation", "48"]) == 1
-    )
+    words = ["--set", "gain_margin=9", "--draws", "0", "--saturation", "48"]
+    assert main(["design", "planar-two-link", *words]) == 1
     told = re.search(r"next: (flexhinf design .*)  # meets", capsys.readouterr().out)
     assert told
     command = shlex.split(told[1])
     robot = folder / command[2]
     assert fh.load_robot(robot).rigid == ("elbow",)
     assert command[-2:] == ["--out", "flexhinf-design-rigid"]
-    assert {"--gain-margin", "--draws", "--saturation"} < {*command}
+    assert {"gain_margin=9", "--draws", "--saturation"} < {*command}
     assert main([*command[1:], "--no-advice"]) in (0, 1)
     assert robot.exists()
     assert (folder / "flexhinf-design-rigid" / "index.html").exists()

@@ -72,7 +72,8 @@ def stored(folder: Path) -> tuple[dict, dict]:
 def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = main(["design", robot])
+    """By one process, and by two."""
+    code = main(["design", robot, "--threads", "1"])
     shown = capsys.readouterr().out
     assert code == ("NOT MET" in shown)
     assert unnamed(shown, "joint ranges") == []
@@ -82,7 +83,7 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     assert written["design"] == {"robot": "../arm.toml", "workspace": "limits"}
     assert written["result"]["met"] == (code == 0)
     assert numbers["kind"] == "workspace"
-    assert main(["design", "flexhinf-design", "--no-advice", "--out", "again"]) == code
+    assert main(["design", "flexhinf-design", "--no-advice", "--out", "again", "--threads", "2"]) == code
     again, same = stored(folder / "again")
     assert (again["design"]["workspace"], again["result"]) == ("limits", written["result"])
     assert same == numbers

@@ -90,7 +90,7 @@ def test_every_limit_is_the_specification_s_whatever_the_design_does() -> None:
         assert made(mode, quiet, **stated).limits == made(mode, fragile, **stated).limits
     values = {limit.metric: (limit.value, limit.origin) for limit in limits_of(**stated).values()}
     assert values == {
-        "peak_sensitivity": (2.0, "--set peak_sensitivity"), "gain_margin": (2.0, "--gain-margin"),
+        "peak_sensitivity": (2.0, "--set peak_sensitivity"), "gain_margin": (2.0, "--set gain_margin"),
         "damping": (0.15, "--damping"), "delay_margin": (2.0, "--set delay_margin"), "noise_percent": (1.0, "--ripple"),
         "peak_input": (264.0, "--peak-effort"), "bandwidth": (4.0, "--bandwidth"),
     }  # fmt: skip

@@ -220,7 +220,7 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     assert (peak.met, gain.met, delay.met) == (False, False, False)
     assert (delay.found, delay.unit, delay.limit) == (pytest.approx(1.5), "samples", 2.0)
     assert (peak.stated_by, gain.stated_by, delay.stated_by) == (
-        "--set peak_sensitivity", "--gain-margin", "--set delay_margin"
+        "--set peak_sensitivity", "--set gain_margin", "--set delay_margin"
     )  # fmt: skip
     assert "running loop" in peak.where
 

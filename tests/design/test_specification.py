@@ -86,7 +86,7 @@ def test_words_have_any_case() -> None:
         ({"pose": "90grad"}, "deg", "pose=(0.3, -0.5)", "--pose 0.3,-0.5"),
         ({"mujoco": 1}, "false, got 1", "mujoco=True", "--mujoco"),
         ({"peak_sensitivity": 1.0}, "> 1, got 1.0", "peak_sensitivity=2.0", "--set peak_sensitivity=2"),
-        ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
+        ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--set gain_margin=2"),
         ({"dampng": 0.3}, "'dampng'", "'damping'", "'damping'"),
         ({"delay": 0.01}, "'delay'", "'unknown_delay'", "'unknown_delay'"),
         ({"delay_margin": 201}, "at most 200 (", "delay_margin=1.0", "--set delay_margin=1"),

@@ -32,6 +32,7 @@ from flexhinf.options import (
     refused,
     with_value,
 )
+from flexhinf.processors import limited_threads
 from flexhinf.validation import nearest, value_text
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def with_options(declarations: Callable[[], tuple[type, Collection[str]]]) -> Ca
             kind: Any = vars(run)["own"]
             stated, own = stated_options(context).items(), declared(kind)
             read = {name: _value(own[name], value) for name, value in stated if name in own}
-            return command(context, kind(**{k: value for k, value in read.items() if value is not None}))
+            with limited_threads(read.get("threads")):
+                return command(context, kind(**{k: value for k, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = (
             command.__name__,
@@ -505,7 +507,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The command that makes the same report again, as a list of arguments; `without` the parameters of these names,
-    and without --verbose."""
+    and without --verbose and --threads."""
     parts, options, stated = context.command_path.split(), fields_of(context), stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
@@ -513,7 +515,7 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
         if name == "set":
             pairs = [f"{n}={v}" for n, v in stated.items() if options[n].about.setting and n not in without]
             parts += [word for pair in pairs for word in ("--set", pair)]
-        if value is None or name in (*without, "verbose"):
+        if value is None or name in (*without, "verbose", "threads"):
             continue
         values: Sequence[Any] = value if isinstance(value, (list, tuple)) else [value]
         if name in options and options[name].is_path and options[name].about.group:

@@ -19,7 +19,6 @@ from flexhinf.cli.arguments import Command, Group, read_source, refuse_stated, r
 from flexhinf.cli.messages import NOT_MET, note, options, progress_bar, show, step_progress
 from flexhinf.errors import refuse_if
 from flexhinf.options import CampaignOptions
-from flexhinf.processors import limited_threads
 
 if TYPE_CHECKING:
     from flexhinf.campaign.driver import Executor, Report
@@ -65,7 +64,6 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
 
     refuse_stated(context, {} if o.worst_case else dict.fromkeys(("metric", "starts"), "--worst-case"))
     refuse_stated(context, {"starts": "a --metric beside gain"} if {*o.metric} == {GAIN} else {})
-    context.with_resource(limited_threads(o.threads))
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     known = list(design.metrics.units)
     checked = [campaigns.MetricLimit.of(text, known) for text in o.require or design.requirements]
@@ -291,7 +289,6 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     """
     from flexhinf.design import DesignPair, open_pair
 
-    context.with_resource(limited_threads(o.threads))
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     names, command = (o.first, o.second), reproduce_command(context)
     pair = DesignPair(_request(o, o.first), _request(o, o.second), o.out, names, tuple(command))

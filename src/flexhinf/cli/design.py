@@ -210,7 +210,7 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     from flexhinf.paper.apart import judged_apart
     from flexhinf.paper.settings import PaperSettings
 
-    settings = {name: value for name, value in asdict(o).items() if name != "out"}
+    settings = {name: value for name, value in asdict(o).items() if name not in ("out", "threads")}
     report.check(o.out)
     if o.degree % 2:
         note(
@@ -331,10 +331,9 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
                 decay=o.decay,
                 observer=o.observer,
                 tolerances=o.tolerances,
-                threads=o.threads,
             )
         except SeveralJoints as error:
-            own = ("out", "check", "every_cell", "degree", "decay", "observer", "tolerances", "threads")
+            own = ("out", "check", "every_cell", "degree", "decay", "observer", "tolerances")
             command = reproduce_command(context, (*own, "degrees", "damping"))
             command[command.index("certify")] = "design"
             again = join([*command, "--degrees", "2", "--damping", "0.3", "--set", "rays=50"])
@@ -450,7 +449,7 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
     certificate = fh.load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")
-        result = certificate.check(threads=o.threads, sample=None if o.every_cell else 10, tick=bar.cells)
+        result = certificate.check(sample=None if o.every_cell else 10, tick=bar.cells)
     if o.verbose:
         typer.echo(f"{theorem_text(certificate, result)}\n")
     typer.echo(pages.check_text(certificate, result))

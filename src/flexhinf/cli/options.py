@@ -129,6 +129,14 @@ class VerboseOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ThreadOptions:
+    """The option of commands that use all processors."""
+
+    threads: Threads | None = option(None, ADVANCED,
+        "Threads and processes in all. No number depends on them.", "4", default="as many as processors")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ElasticOptions:
     """The option that goes with a robot whose links another file states."""
 
@@ -155,7 +163,7 @@ class RobotOptions(ElasticOptions, PointOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DesignOptions(RobotOptions, VerboseOptions):
+class DesignOptions(RobotOptions, VerboseOptions, ThreadOptions):
     """Options of ``flexhinf design``."""
 
     out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
@@ -165,7 +173,7 @@ class DesignOptions(RobotOptions, VerboseOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(RobotOptions, VerboseOptions):
+class CompareOptions(RobotOptions, VerboseOptions, ThreadOptions):
     """Options of ``flexhinf compare``."""
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
@@ -192,7 +200,7 @@ class CompareOptions(RobotOptions, VerboseOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CertifyOptions(RobotOptions, VerboseOptions):
+class CertifyOptions(RobotOptions, VerboseOptions, ThreadOptions):
     """Options of ``flexhinf certify``."""
 
     robot: Text = argument(
@@ -213,12 +221,10 @@ class CertifyOptions(RobotOptions, VerboseOptions):
         default="the true state is fed back")
     tolerances: bool = option(False, PROVED,
         "Prove the step for every robot within the tolerances, instead of a region of the nominal robot.")
-    threads: Threads | None = option(None, ADVANCED, "Threads of the proof. The certificate does not depend on them.",
-        "2", default="as many as processors")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
+class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions, ThreadOptions):
     """Options that a campaign and a comparison of two campaigns share."""
 
     tolerance: list[Text] = option([], UNCERTAIN,
@@ -226,8 +232,6 @@ class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
         "Repeat the option for more.",
         "stiffness=15%", "name=x")
     workers: Whole = option(0, RUN, "Worker processes; 0: this process alone, with `--threads`.", "4")
-    threads: Threads | None = option(None, RUN, "Threads of all workers together. No number depends on them.", "4",
-        default="as many as processors")
     cluster: Text = option("", RUN, "Address of a Dask scheduler, whose workers run the batches.", unit="tcp://…")
     shard: Text = option("", RUN, "Every n-th batch only, for job i of n. Then `merge`.", "1/4", "i/n")
 
@@ -558,7 +562,7 @@ class StudioOptions(ElasticOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperOptions(PaperSettings):
+class PaperOptions(PaperSettings, ThreadOptions):
     """Options of ``flexhinf paper``."""
 
     out: Path = option(Path("flexhinf-paper"), WRITTEN, FOLDER)

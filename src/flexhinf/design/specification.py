@@ -281,7 +281,7 @@ class Specification(StatedRepr):
     peak_sensitivity: options.AboveOne | None = setting(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
-    gain_margin: options.AboveOne | None = option(None, LOOP,
+    gain_margin: options.AboveOne | None = setting(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}; 2 for a workspace")
     delay_margin: options.Positive | None = setting(None, LOOP,

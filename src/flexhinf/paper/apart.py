@@ -49,7 +49,8 @@ def judged_apart(settings: PaperSettings) -> Generator[Apart | None]:
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     receiving, sending = context.Pipe(duplex=False)
     begun = context.RawArray("i", 2)
-    worker = context.Process(target=_judge_for_another, args=(settings, begun, sending), daemon=True)
+    arguments = settings, begun, sending, thread_count() // 2
+    worker = context.Process(target=_judge_for_another, args=arguments, daemon=True)
     with _without_ctrl_c():
         worker.start()
     sending.close()
@@ -81,12 +82,14 @@ def _without_ctrl_c() -> Generator[None]:
             mask(signal.SIG_SETMASK, before)
 
 
-def _judge_for_another(settings: PaperSettings, begun: Array[c_int], sending: Connection) -> None:
+def _judge_for_another(
+    settings: PaperSettings, begun: Array[c_int], sending: Connection, threads: int
+) -> None:
     from flexhinf.campaign.driver import begin_worker
     from flexhinf.paper.claims import BY_LENGTH
     from flexhinf.paper.loop_setup import PaperSetup, judge
 
-    begin_worker(max(1, thread_count() // 2))
+    begin_worker(threads)
     with suppress(Exception):  # it is raised again where the claim is judged instead
         setup = PaperSetup(settings)
         for k, claim in enumerate(BY_LENGTH):
