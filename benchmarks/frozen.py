@@ -51,6 +51,8 @@ DESIGNED: dict[str, tuple[str, dict[str, Any]]] = {
     "vertical-rig at 30°": ("vertical-rig", {"pose": "30deg", "start": "0"}),
     "planar-two-link at 30°, 60°": ("planar-two-link", {"pose": "30deg,60deg", "start": "0,0"}),
     "planar-two-link, workspace": ("planar-two-link", {}),
+    "scara, workspace": ("scara", {}),
+    "spatial-three-link, workspace": ("spatial-three-link", {}),
 }  # fmt: skip
 
 #: Numbers of a linear loop and of runs that moved.
