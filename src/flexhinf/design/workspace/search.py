@@ -199,9 +199,9 @@ class ChosenPoses:
     ) -> list[np.ndarray | None]:
         """The `excess` of each setup; None where it is no less than `least`, or not by `LESS` less than that of one
         before it, or where one before it misses nothing."""
-        known = np.frombuffer(mmap.mmap(-1, 40 * len(setups))).reshape(
-            -1, 5
-        )  # which copies of this process share
+        # which copies of this process share; infinite until it is known, in whatever order its bytes are seen
+        known = np.frombuffer(mmap.mmap(-1, 40 * len(setups))).reshape(-1, 5)
+        known[:, 1:] = np.inf
 
         def judged(k: int) -> np.ndarray | None:
             limit, share = least, LESS
