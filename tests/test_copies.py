@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flexhinf.copies
 from flexhinf.copies import beside, cpu_seconds, shared_out
 from flexhinf.processors import limited_threads
 
@@ -147,3 +148,15 @@ def test_a_copy_beside_ends_with_its_context_and_its_error_is_raised_here():
     assert time.monotonic() - began < 30.0
     assert open_files() == before
     assert no_child_is_left()
+
+
+def test_where_no_process_can_be_made_everything_is_computed_here(monkeypatch: pytest.MonkeyPatch):
+    def refused() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr(flexhinf.copies, "_copied", refused)
+    before = open_files()
+    with limited_threads(2), beside(os.getpid) as result:
+        assert shared_out(lambda k: (k, os.getpid()), range(3)) == [(k, OWN) for k in range(3)]
+        assert result() == OWN
+    assert open_files() == before

@@ -97,7 +97,8 @@ def beside(function: Callable[[], Result]) -> Generator[Callable[[], Result]]:
                 process = _begin_copy(lambda _: function(), [None], [range(1)], queue, results)
             finally:
                 os.close(queue)
-            _beside.add(process)
+            if process:
+                _beside.add(process)
         yield result
     finally:
         _beside.discard(process)
