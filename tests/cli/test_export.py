@@ -361,7 +361,7 @@ def test_limits_are_narrowed_with_a_new_test_vector(
         assert main([*words, "--narrower", limit]) == 2
         assert "--narrower" in capsys.readouterr().err
     assert main([*words, "--narrower", "20"]) == 0
-    assert "narrower than those" in capsys.readouterr().err
+    assert "narrower" in capsys.readouterr().err
     texts = [(tmp_path / "c" / name).read_text(encoding="utf-8") for name in ("README.md", "arm_test.c")]
     assert "| saturation | -20 to 20 |" in texts[0]
     assert "--narrower" in texts[0]
