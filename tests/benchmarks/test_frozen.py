@@ -38,7 +38,8 @@ def test_what_is_apart(after: dict[str, Any], apart: list[str]) -> None:
 def test_a_verdict_that_changes_is_in_the_table() -> None:
     row = {"design": "x", **frozen.compared(design(), design(found=1.5, met=False))}
     cells = [cell.strip() for cell in frozen.table([row]).splitlines()[-1].split("|")]
-    assert cells[1:4] == ["x", "equal", "overshoot: met → missed"]
+    assert cells[1:3] == ["x", "equal"]
+    assert "met → missed" in cells[3]
 
 
 def test_every_difference_that_is_kept_has_its_reason() -> None:
