@@ -227,6 +227,7 @@ def forged(arm: Any, name: str, factor: float, rng: np.random.Generator) -> Any:
 
 
 @pytest.mark.costs("the laws of two robots")
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["planar-two-link", "spatial"])
 def test_none_of_a_hundred_forged_and_damaged_arms_is_accepted(found, name):
     arm, rng = json.loads(json.dumps(found[name].arm)), np.random.default_rng(6)
