@@ -104,6 +104,7 @@ def test_the_checker_s_inertia_matrix_is_that_of_the_plant(setups, found):
 
 
 @pytest.mark.costs("the laws of two robots")
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("end", [0, 1])
 @pytest.mark.parametrize("name", ["planar-two-link", "spatial"])
 def test_a_range_is_shown_just_where_it_is_true(setups, found, name, end):
@@ -167,7 +168,7 @@ def test_on_a_box_that_is_shown_no_pose_is_worse(found):
     assert 20 < shown < 280
 
 
-@pytest.mark.costs("the laws of two robots")
+@pytest.mark.ci("a law with a payload, and boxes of its poses")
 def test_a_payload_is_shown_just_where_it_is_true(setups, found):
     """Against the worst robots that are sought in 200 poses, which a search begins with."""
     setup = setups["spatial"]

@@ -92,6 +92,7 @@ def test_the_film_is_played_slowly_and_ends_at_the_end(
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.ci("draws a film until it fails")
 def test_an_encoder_that_fails_leaves_nothing(
     made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
