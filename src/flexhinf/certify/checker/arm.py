@@ -21,9 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_mat, ctx
 
-from flexhinf.certify.checker.pairs import BITS, finite_numbers
+from flexhinf.certify.checker.pairs import BITS, finite_numbers, refused_as_damaged
 from flexhinf.certify.checker.taylor_matrix import frobenius, positive_definite
-from flexhinf.errors import InvalidInput
 
 #: Most joints of an arm in a file, of one whose joint ranges are covered by boxes, and boxes of one inequality.
 MOST_JOINTS, JOINTS_IN_BOXES, BOXES = 40, 4, 20_000
@@ -34,7 +33,7 @@ TURNED, SLID = 5, 3
 #: A term whose coefficients are below this share of the largest counts as a bound alone.
 SMALL = 1e-20
 
-#: Lower and upper end of a number, and its value in the model.
+#: A number's value in the model, and its lower and upper end.
 Interval = tuple[arb, arb, arb]
 
 
@@ -94,7 +93,7 @@ class CheckedArm(NamedTuple):
 
 def arm_claim(numbers: Mapping[str, Any]) -> ArmClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
-    try:
+    with refused_as_damaged("arm of a certificate"):
         joints = tuple(_joint(part, k) for k, part in enumerate(_listed(numbers["joints"])))
         bodies = tuple(_body(part) for part in _listed(numbers["bodies"]))
         payloads = tuple(_payload(part, len(joints)) for part in _listed(numbers["payloads"]))
@@ -114,12 +113,6 @@ def arm_claim(numbers: Mapping[str, Any]) -> ArmClaim:
         if not sectors[0] < 1.0:
             raise ValueError("a sector beyond 1")
         return ArmClaim(joints, bodies, payloads, *sectors, ends)  # type: ignore[arg-type]
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InvalidInput(
-            "The arm of a certificate cannot be read.",
-            f"{type(error).__name__}: {str(error)[:200]}",
-            "the file that flexhinf certify has written",
-        ) from error
 
 
 def _listed(value: object) -> list[Any]:
@@ -302,32 +295,31 @@ def inequalities(claim: ArmClaim) -> Iterator[tuple[str, Terms]]:
     """What must be positive definite at every pose, by name."""
     own = [(body.mass[0], column([x[0] for x in body.centre]), inertia_of(body)) for body in claim.bodies]
     bodies = polynomial(claim.joints, list(enumerate(own)))
-    loads = {
-        name: polynomial(
-            claim.joints,
-            [
-                (load.joint, (load.mass[k], load.centre, load.inertia * load.mass[k]))
-                for load in claim.payloads
-            ],
-        )
-        for k, name in enumerate(("model", "least", "most"))
-    }
+
+    def loads(k: int) -> Terms:
+        """Payloads of the model, at least, and at most: k is 0, 1, 2."""
+        parts = [
+            (load.joint, (load.mass[k], load.centre, load.inertia * load.mass[k])) for load in claim.payloads
+        ]
+        return polynomial(claim.joints, parts) if parts else {}
+
+    model = loads(0)
     if claim.payloads:
         heavier, lighter = 1 / (1 - arb(claim.lower)), 1 / (1 + arb(claim.upper))
         alone, least = 1 / (1 - arb(claim.bodies_lower)), 1 / (1 + arb(claim.bodies_upper))
         yield (
             "the payload",
-            _sum((heavier - alone, bodies), (heavier, loads["model"]), (arb(-1), loads["most"])),
+            _sum((heavier - alone, bodies), (heavier, model), (arb(-1), loads(2))),
         )
         if any(load.mass[0] > load.mass[1] for load in claim.payloads):
             yield (
                 "the lightest payload",
-                _sum((least - lighter, bodies), (-lighter, loads["model"]), (arb(1), loads["least"])),
+                _sum((least - lighter, bodies), (-lighter, model), (arb(1), loads(1))),
             )
     if claim.range is not None:
         low, high = map(arb, claim.range)
         springs = {(0,) * len(claim.joints): _diagonal([joint.stiffness for joint in claim.joints])}
-        whole = _sum((arb(1), bodies), (arb(1), loads["model"]))
+        whole = _sum((arb(1), bodies), (arb(1), model))
         yield "the fastest vibration", _sum((arb(1), whole), (-1 / high, springs))
         yield "the slowest vibration", _sum((1 / low, springs), (arb(-1), whole))
 

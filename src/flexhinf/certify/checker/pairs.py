@@ -99,9 +99,22 @@ class CheckedPairs(NamedTuple):
     intervals: int
 
 
+@contextmanager
+def refused_as_damaged(what: str) -> Generator[None]:
+    """Refuse a file as damaged where it has other keys, kinds or shapes of values than are read."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(
+            f"The {what} cannot be read.",
+            f"{type(error).__name__}: {str(error)[:200]}",
+            "the file that flexhinf certify has written",
+        ) from error
+
+
 def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
-    try:
+    with refused_as_damaged("certificate of a workspace"):
         one = {name: finite_numbers(numbers[name], 0) for name in SCALARS}
         latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
@@ -124,12 +137,6 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             raise ValueError("an interval does not begin where the one before it ends")
         if coefficients.shape != (5, len(poles) + 1) or triangles.shape[1:] != (2, n * (n + 1) // 2):
             raise ValueError("the law or a storage has other shapes")
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InvalidInput(
-            "The certificate of a workspace cannot be read.",
-            f"{type(error).__name__}: {str(error)[:200]}",
-            "the file that flexhinf certify has written",
-        ) from error
     wrong = [
         name
         for name, right in (
