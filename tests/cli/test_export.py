@@ -357,7 +357,7 @@ def test_limits_are_narrowed_with_a_new_test_vector(
 ) -> None:
     """A torque cap of first motions: the vector's own inputs keep it, and it is only taken where it is one."""
     words = ["export", "c", str(controller), "--name", "arm", "--out", str(tmp_path / "c")]
-    for limit in ("1000", "-2"):
+    for limit in ("1000", "0", "-2"):
         assert main([*words, "--narrower", limit]) == 2
         assert "--narrower" in capsys.readouterr().err
     assert main([*words, "--narrower", "20"]) == 0

@@ -98,7 +98,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     controller, robot, s = designed.controller, designed.robot, designed.specification
     name = o.name or _identifier(robot)
     _note_doubts(designed)
-    if o.narrower:
+    if o.narrower is not None:
         controller = export.narrowed(controller, o.narrower)
         note("Limits of inputs are narrower than those that the requirements were judged with.")
     if o.check_measurements and controller.estimator is not None:  # true states are believed
@@ -114,9 +114,9 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         "--no-limits": not o.limits,
         "--accept-estimates": o.accept_estimates,
         "--accept-unmet": o.accept_unmet,
-        f"--narrower={o.narrower:g}": o.narrower,
     }
     chosen = [option for option, there in stated.items() if there]
+    chosen += [] if o.narrower is None else [f"--narrower={o.narrower:g}"]
     again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
     origin = _origin(path, again, designed)
     export.write_files(
@@ -140,7 +140,7 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
         "--real": o.real != "double",
         "--flash": o.flash,
         "--ram": o.ram,
-        "--narrower": o.narrower,
+        "--narrower": o.narrower is not None,
         "--no-limits": not o.limits,
         "--no-check-measurements": not o.check_measurements,
     }

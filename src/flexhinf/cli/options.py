@@ -312,7 +312,7 @@ class ExportCOptions(MachineOptions):
         "where arm-none-eabi-gcc is installed; without it only constants are, and a note says so.", "32kB")
     ram: Text = option("", TARGET, "Room for the state, such as 8kB. A state that needs more is refused.", "8kB")
     limits: bool = option(True, TARGET, LIMITED)
-    narrower: float = option(0.0, TARGET,
+    narrower: Number | None = option(None, TARGET,
         "Narrower limit of all inputs, in their unit; the test vector has it.", "12")
     check_measurements: bool = option(True, TARGET,
         "Whether a measurement counts as missing, and is counted, that is beyond what the joint's range, its speed and "
