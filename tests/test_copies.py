@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import time
 from collections.abc import Callable
@@ -112,27 +113,39 @@ def test_the_time_of_copies_counts():
 
 
 def test_a_copy_works_beside_this_process_which_has_its_processor_afterwards():
-    def waited(k: int) -> int:
-        time.sleep(0.02)
-        return os.getpid()
+    go, done = os.pipe(), os.pipe()
 
     def late() -> tuple[int, np.ndarray]:
-        time.sleep(0.2)
+        os.read(go[0], 1)
         return answered(3)
 
     before = open_files()
     with limited_threads(2), beside(late) as result:
-        by = shared_out(waited, range(60), compiles=False)
+
+        def worked(k: int) -> int:
+            if os.getpid() != OWN:
+                os.write(done[1], b".")
+            elif k == 5:
+                os.write(go[1], b".")
+                result()
+            elif k == 6:  # until another process has done an item
+                assert select.select([done[0]], [], [], 60.0)[0]
+            return os.getpid()
+
+        by = shared_out(worked, range(60), compiles=False)
         (process, numbers), again = result(), result()
     assert {*by[:5]} == {OWN}
     assert len({*by}) == 2
     assert process not in by
     np.testing.assert_array_equal(numbers, answered(3)[1])
     assert again[0] == process
+    os.write(go[1], b".")
     with limited_threads(1), beside(late) as result:
         assert result()[0] == OWN
     assert open_files() == before
     assert no_child_is_left()
+    for end in (*go, *done):
+        os.close(end)
 
 
 def test_a_copy_beside_ends_with_its_context_and_its_error_is_raised_here():
@@ -141,7 +154,7 @@ def test_a_copy_beside_ends_with_its_context_and_its_error_is_raised_here():
 
     began, before = time.monotonic(), open_files()
     with limited_threads(2):
-        with beside(lambda: time.sleep(60.0)):
+        with beside(signal.pause):
             pass
         with beside(failing) as result, pytest.raises(ValueError, match=str(OWN)):
             result()
