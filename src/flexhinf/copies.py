@@ -210,9 +210,8 @@ def _copied() -> int:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     process = -1
     try:
-        with (
-            warnings.catch_warnings()
-        ):  # threads of the parent, such as one that draws a bar, do not matter here
+        with warnings.catch_warnings():
+            # threads of the parent, such as one that draws a bar, do not matter here
             warnings.simplefilter("ignore", DeprecationWarning)
             process = os.fork()
         if not process:
@@ -250,10 +249,8 @@ def _be_a_copy(
 
 
 def _receive(out: int, results: dict[int, Result]) -> None:
-    with (
-        open(out, "rb", closefd=False) as file,
-        suppress(Exception),
-    ):  # the end, or that of a copy that was killed
+    # an exception is the end, or that of a copy that was killed
+    with open(out, "rb", closefd=False) as file, suppress(Exception):
         while True:
             k, result = pickle.load(file)
             results[k] = result

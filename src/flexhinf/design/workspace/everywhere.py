@@ -110,9 +110,8 @@ class _Parts:
     def body(self, joint: str) -> Numbers:
         """The body of a joint's link."""
         scale, zero = self._interval("inertia_scale", joint, 1.0), [0.0, 0.0, 0.0]
-        if isinstance(
-            self._robot.links, Pendulum
-        ):  # its inertia is stated about the axis, and nothing else counts
+        if isinstance(self._robot.links, Pendulum):
+            # its inertia is stated about the axis, and nothing else counts
             about = self._interval("link_inertia", joint)
             self.used |= {"mass", "length"}
             inertia = [about if name in ("xx", "yy", "zz") else zero for name in INERTIA]

@@ -79,9 +79,7 @@ class WorkspaceProof(NamedTuple):
     unstable: UnstableError  # the smallest error that is found to destabilise
     stable: ProvedRange  # pairs that are proved to be stable without errors
     largest: LargestMasses | None = None  # for which the proof would still hold; None without proved errors
-    unstable_springs: UnstableError | None = (
-        None  # the same of the stiffness; None where the file has it exact
-    )
+    unstable_springs: UnstableError | None = None  # the same of the stiffness; None where that is exact
     everywhere: Everywhere | None = None  # what is shown at every pose; None where poses are sampled
 
     @property
@@ -223,8 +221,8 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
     beyond, arm = _beyond(numbers.get("proved"), found), None
-    if isinstance(own := numbers.get("arm"), dict):
-        checked = check_arm(arm_claim(cast("dict[str, Any]", own)))
+    if is_dict(own := numbers.get("arm")):
+        checked = check_arm(arm_claim(own))
         if isinstance(checked, str):
             beyond = beyond or f"that {checked} is within what is proved at every pose"
         else:

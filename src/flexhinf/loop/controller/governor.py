@@ -359,7 +359,7 @@ def _followed(
     return place, where(kept * aim > 0.0, clip(0.0, speed - step, speed + step), aim), absolute(kept)
 
 
-def believed(places: Sequence[Sequence[int]], share: Any, deviation: Any) -> Any:
+def believed(places: Sequence[Sequence[int]], share: Any, deviation: Any) -> np.ndarray:
     """The law's argument with a share (k,) of what is estimated of the velocities of links behind springs."""
     parts = list(deviation)
     for (link, turning, motor, _), part in zip(places, share):
