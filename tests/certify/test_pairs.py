@@ -27,17 +27,19 @@ from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import ModalLaw, pair_gains
+from flexhinf.modal.multipliers import popov_tolerance, small_gain_tolerance
 from flexhinf.modal.popov import (
     EXACT,
     SYMMETRIC,
+    ChannelWeights,
     Errors,
+    FilterWeights,
     Multipliers,
     PairStorages,
-    SampledPairs,
     Sector,
-    popov_tolerance,
-    small_gain_tolerance,
+    worst_period,
 )
+from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.modal.unstable import smallest_unstable
 from flexhinf.robot import load_robot
 from flexhinf.robot.workspace import workspace_of
@@ -79,24 +81,34 @@ def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung)
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("springs", [EXACT, Sector(0.2, 0.3)])
+@pytest.mark.parametrize(
+    ("springs", "slope", "filters"),
+    [
+        (EXACT, EXACT, ()),
+        (Sector(0.2, 0.3), EXACT, ()),
+        (EXACT, Sector(0.05, 0.1), (FilterWeights(0.3, -4.0, 0.6),)),
+        (Sector(0.2, 0.3), Sector(0.1, 0.05), (FilterWeights(0.3, -4.0, 0.6), FilterWeights(0.05, 2.0))),
+    ],
+)
 @pytest.mark.parametrize(("latency", "watched"), [(0, None), (2, None), (1, [0, 2]), (1, [2])])
-def test_search_and_checker_compute_the_same_game(pairs, latency, watched, springs):
+def test_search_and_checker_compute_the_same_game(pairs, latency, watched, springs, slope, filters):
     """They share no code: A, Q and W of a pair agree, for a filter with links, and with motors alone."""
     seen = None if watched is None else np.eye(4)[watched]
     table = None if seen is None else np.random.default_rng(1).normal(size=(5, 4 * len(seen)))
     ends = (np.log(ENDS[0]) - 1.0, np.log(ENDS[1]) + 1.0)
     filter: Any = None if seen is None else SimpleNamespace(pair=(seen, table, ends))
     loop, link = SampledPairs(pairs.gains, latency, filter), 150.0**2
-    errors, multipliers = Errors(Sector(0.3, 0.5), springs), Multipliers(20.0, 0.3, 0.1, 0.5, 0.7)
+    errors = Errors(Sector(0.3, 0.5), springs, slope)
+    weights = ChannelWeights(0.3, 0.1, 0.5, 0.7), ChannelWeights(0.2, 0.3, 0.4, 0.1)
+    multipliers = Multipliers(20.0, *weights, filters)
     storages = PairStorages(loop, errors, multipliers, 0.4)
-    n = 6 + latency + 4 * (seen is not None) + (springs != EXACT)
+    n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + sum(errors.channels)
     parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
     claim = pair_claim(claim_numbers(storages, parts))
     with checker._balls():
         checked = checker._loop(claim, arb(link), arb(0))
         values = [np.array([[float(e) for e in row] for row in part.parts[0].tolist()]) for part in checked]
-    for value, expected in zip(values, loop.worst_period(link, errors, multipliers, 0.4)):
+    for value, expected in zip(values, worst_period(loop, link, errors, multipliers, 0.4)):
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 

@@ -19,7 +19,9 @@ from flexhinf.cli import main
 from flexhinf.design.workspace import preset, proof as workspace_proof
 from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal.popov import Errors, PopovTolerance, SampledPairs, Sector
+from flexhinf.modal.multipliers import PopovTolerance
+from flexhinf.modal.popov import Errors, Sector
+from flexhinf.modal.sampled_pairs import SampledPairs
 
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")

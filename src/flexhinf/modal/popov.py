@@ -34,26 +34,13 @@ The unit of time is the period, so that all numbers have a size near one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from scipy.linalg import expm
 
-from flexhinf.modal.pair import PairGains
-
-if TYPE_CHECKING:
-    from flexhinf.estimation.modal import ModalFilter
-
-#: log₁₀ of the multipliers, in periods; relative accuracy of a tolerance, and the smallest one.
-MULTIPLIERS, ACCURACY, FIRST = (-2.5, 3.5), 0.01, 1e-4
-
-#: First steps of log₁₀ of one multiplier, and of several.
-FIRST_STEP = 0.25, 1.0
+from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Distances from a mode's angle at which frequencies are looked at, in those of the mode from the unit circle.
 NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
@@ -65,9 +52,8 @@ DOUBLINGS, MORE, WEIGHT = 45, 0.05, 1e-3
 #: Share of the largest eigenvalue of Y that counts as reached.
 REACHED = 1e-6
 
-#: The rooms at which a lift is looked for, and the share of an entry of P by which it clears 0; smallest log₁₀ of
-#: several multipliers.
-LIFTED, CLEAR, SMALLEST = (0.01, 1e-3, 1e-5), 0.05, np.array([-1.0, -4.0, -4.0, -3.0])
+#: The rooms at which a lift is looked for, and the share of an entry of P by which it clears 0.
+LIFTED, CLEAR = (0.01, 1e-3, 1e-5), 0.05
 
 
 class Sector(NamedTuple):
@@ -82,20 +68,22 @@ EXACT = Sector(0.0, 0.0)
 
 
 class Errors(NamedTuple):
-    """What is tolerated at once: errors of the inverse inertia matrix and of the stiffness, as shares."""
+    """What is tolerated at once, as shares: errors of the inverse inertia matrix and of the stiffness, and the slope of
+    gravity, which the pairs leave out, over the stiffness."""
 
     masses: Sector
     springs: Sector = EXACT  # −ε₁ ≤ E ≤ ε₂: (1 − ε₁) K ≤ K̂ ≤ (1 + ε₂) K
+    slope: Sector = EXACT  # −γ₁ ≤ Γ ≤ γ₂: −γ₁ K ≤ ∂G/∂q ≤ γ₂ K
 
     def and_share(self, share: float, others: Errors) -> Errors:
         """These, and a share of others beside them."""
         sums = [own + share * other for own, other in zip(self.numbers, others.numbers)]
-        return Errors(Sector(*sums[:2]), Sector(*sums[2:]))
+        return Errors(Sector(*sums[:2]), Sector(*sums[2:4]), Sector(*sums[4:]))
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """δ₁, δ₂, ε₁ and ε₂."""
-        return *self.masses, *self.springs
+        """δ₁, δ₂, ε₁, ε₂, γ₁ and γ₂."""
+        return *self.masses, *self.springs, *self.slope
 
     @property
     def largest(self) -> float:
@@ -103,11 +91,15 @@ class Errors(NamedTuple):
         return max(self.numbers)
 
     @property
+    def channels(self) -> tuple[bool, bool]:
+        """Whether springs have errors, and whether gravity has a slope: each adds a state to a pair."""
+        return max(self.springs) > 0.0, max(self.slope) > 0.0
+
+    @property
     def names(self) -> str:
         """What has errors."""
-        return " and ".join(
-            name for name, own in (("masses", self.masses), ("springs", self.springs)) if max(own) > 0.0
-        )
+        kinds = ("masses", self.masses), ("springs", self.springs), ("gravity", self.slope)
+        return " and ".join(name for name, own in kinds if max(own) > 0.0)
 
     def within(self, others: Errors) -> bool:
         """Whether all are at most as large as others."""
@@ -118,14 +110,30 @@ class Errors(NamedTuple):
 NONE, SYMMETRIC = Errors(EXACT), Errors(Sector(1.0, 1.0))
 
 
+class ChannelWeights(NamedTuple):
+    """The numbers of an integral inequality for springs, or for the slope of gravity, in periods."""
+
+    multiplier: float = 0.0  # ρ
+    signal: float = 0.0  # μ₁
+    rate: float = 0.0  # μ₂
+    lift: float = 0.0  # c
+
+
+class FilterWeights(NamedTuple):
+    """The numbers of a filter 1/(s + p) through which errors of masses are seen too, in periods."""
+
+    pole: float  # p
+    multiplier: float  # σ: at the frequency ω τ is τ + 2σ/(ω² + p²)
+    lift: float = 0.0  # c, of d_f² in the unit of d
+
+
 class Multipliers(NamedTuple):
     """The numbers of an integral inequality, in periods."""
 
     masses: float  # τ
-    springs: float = 0.0  # ρ
-    twist_weight: float = 0.0  # μ₁
-    rate_weight: float = 0.0  # μ₂
-    lift: float = 0.0  # c
+    springs: ChannelWeights = ChannelWeights()
+    slope: ChannelWeights = ChannelWeights()
+    filters: tuple[FilterWeights, ...] = ()
 
 
 class WorstPeriod(NamedTuple):
@@ -136,138 +144,98 @@ class WorstPeriod(NamedTuple):
     w: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class SampledPairs:
-    """The sampled loops of all pairs of a law: latency, and an estimator or the true state."""
-
-    gains: PairGains
-    latency: int = 0
-    filter: ModalFilter | None = None
-
-    def model(self, link: float) -> np.ndarray:
-        """M (5, 5) of (z, z′, s, s′, f), in units of the period."""
-        pair, h = self.gains.pair(link), self.gains.period
-        m = np.zeros((5, 5))
-        m[0, 1] = m[2, 3] = 1.0
-        m[1, 2] = link * h**2
-        m[3] = [-pair.holding * h**2, -pair.damping * h, 0.0, -pair.damping * h, pair.input * h**2]
-        m[3, 2] = -(link + pair.motor + pair.holding) * h**2
-        return m
-
-    @cached_property
-    def _memories(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
-        return {}
-
-    def memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
-        """The state and the acting input (5, n), and the memory after a period (n − 4, n), by the n states.
-
-        The states are (z, z′, s, s′), the filter's prediction of these, the integral in periods, the last position, and
-        the inputs that wait, the next one first.
-        """
-        if link in self._memories:
-            return self._memories[link]
-        h, observed = self.gains.period, self.filter is not None
-        size = 6 + self.latency + 4 * observed
-        unit = np.eye(size)
-        state, others = unit[:4], unit[4 + 4 * observed :]
-        flow = expm(self.model(link))[:4]
-        estimate, position = state, state[0]
-        if self.filter is not None:
-            seen, table, (low, high) = self.filter.pair
-            place = np.clip((2.0 * np.log(link) - low - high) / (high - low), -1.0, 1.0)
-            correction = chebyshev.chebval(place, table).reshape(4, -1)
-            # Filter and gains count in (z, z′, w, w′) and in seconds.
-            to_plain = np.array(
-                [[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]], dtype=float
-            )
-            correction, sees = np.linalg.solve(to_plain, correction), seen @ to_plain
-            estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
-            if [1.0, 0.0, 0.0, 0.0] not in seen.tolist():
-                position = estimate[0]
-        integral, ahead = others[0] + 0.5 * (others[1] + position), estimate
-        for waiting in others[2:]:
-            ahead = flow @ np.vstack([ahead, waiting])
-        kz, kdz, kw, kdw, ke = self.gains(link)[:5]
-        gain = np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
-        queue = np.vstack([others[2:], -gain @ np.vstack([ahead, integral])])
-        predicted = [flow @ np.vstack([estimate, queue[0]])] if observed else []
-        found = np.vstack([state, queue[0]]), np.vstack([*predicted, integral, position, queue[1:]])
-        return self._memories.setdefault(link, found)
-
-    def worst_period(
-        self, link: float, errors: Errors, multipliers: Multipliers, rate: float = 0.0
-    ) -> WorstPeriod:
-        """A, Q and W of a pair, e the last of its states where springs have errors; the rate α in 1/s."""
-        (lower, upper), (softer, stiffer) = errors
-        tau, rho, twist_weight, rate_weight, lift = multipliers
-        pair, h = self.gains.pair(link), self.gains.period
-        size, alpha, both = link * h**2, rate * h, (link + pair.motor) * h**2
-        (_, pushed, s, moving, _, i), model = np.eye(6), self.model(link)
-        m, y = np.zeros((6, 6)), np.zeros(6)
-        m[:5, :5] = model + alpha * np.eye(5)
-        m[[1, 3], 5] = size, -both
-        t, r, g = s + i, moving + alpha * s, pushed - moving
-        y[:5] = model[3]
-        y += both * s + alpha * (moving + r)
-        moved = m + 0.5 * (upper - lower) * size * np.outer(g, t)
-        entry, shift = size * np.outer(g, g), tau * (np.outer(r, r) + both * np.outer(t, t))
-        gained = 0.25 * (lower + upper) ** 2 * size * np.outer(t, t) + tau * _twice(r, y)
-        places = [0, 1, 2, 3, 5]
-        if max(softer, stiffer) > 0.0:
-            n = 0.5 * (stiffer - softer) * r + tau / rate_weight * y
-            moved += np.outer(i, n)
-            entry += np.outer(i, i) / rate_weight
-            shift += lift * np.outer(i, i)
-            gained += rate_weight * (np.outer(n, n) + softer * stiffer * np.outer(r, r)) + rho * _twice(r, i)
-            known = softer * stiffer * np.outer(s, s) + 0.5 * (stiffer - softer) * _twice(s, i)
-            gained += twist_weight * (known - np.outer(i, i))
-        else:
-            moved, entry, shift, gained = (part[:5, :5] for part in (moved, entry, shift, gained))
-            places.pop()
-        flow = expm(np.block([[moved, entry], [-gained, -moved.T]]))
-        (a, b), (c, d) = (np.hsplit(part, 2) for part in np.vsplit(flow, 2))
-        inverse = np.linalg.inv(shift @ b + d)
-        w, q = b @ inverse, inverse @ ((shift @ b + d) @ shift - shift @ a - c)
-        acting, memory = self.memory(link)
-        if len(places) == 5:
-            acting = np.pad(acting, (0, 1))
-            acting[-1, -1] = 1.0
-            memory = np.hstack([memory, np.zeros((len(memory), 1))])
-        states = acting.shape[1]
-        whole = np.zeros((states, states))
-        kept = [*range(4), *range(states - 1, states - 5 + len(places))]
-        whole[np.ix_(kept, kept)] = 0.5 * (w + w.T)[np.ix_(places, places)]
-        own = inverse.T[places] @ acting
-        after = np.vstack([own[:4], np.exp(alpha) * memory, own[4:]])
-        return WorstPeriod(after, 0.5 * acting.T @ (q + q.T) @ acting, whole)
-
-    def radius(self, links: Sequence[float], errors: np.ndarray, springs: np.ndarray | float = 0.0) -> float:
-        """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia, and E (k, k) of the
-        stiffness, mix."""
-        count, roots = len(links), np.sqrt(links) * self.gains.period
-        model = _along_diagonal([*map(self.model, links)])
-        acting, memory = zip(*map(self.memory, links))
-        stiffness, felt = np.eye(count) + springs, errors * np.outer(roots, roots)
-        added = (np.diag(roots**2) + felt) @ stiffness - np.diag(roots**2)
-        model[1::5, 2::5] += added
-        motor = self.gains.motor * self.gains.period**2
-        model[3::5, 2::5] -= added + motor * (stiffness - np.eye(count))
-        moved = (expm(model) @ _along_diagonal(acting)).reshape(count, 5, -1)[:, :4]
-        kept = _along_diagonal(memory).reshape(count, len(memory[0]), -1)
-        loop = np.concatenate([moved, kept], axis=1).reshape(moved.shape[2], -1)
-        return float(np.abs(np.linalg.eigvals(loop)).max())
-
-    def decay(self, link: float) -> float:
-        """The rate of the slowest mode of a pair without errors, 1/s; negative where it is unstable."""
-        return -float(np.log(self.radius([link], np.zeros((1, 1))))) / self.gains.period
+def worst_period(
+    pairs: SampledPairs, link: float, errors: Errors, multipliers: Multipliers, rate: float = 0.0
+) -> WorstPeriod:
+    """A, Q and W of a pair with the rate α in 1/s; its last states are those of `_WorstErrors`: filters, e and p."""
+    h = pairs.gains.period
+    rates = link * h**2, pairs.gains.pair(link).motor * h**2, rate * h
+    worst = _WorstErrors(pairs.model(link), rates, errors, multipliers)
+    size, extra = len(worst.flow), len(worst.flow) - 5
+    flow = expm(np.block([[worst.flow, worst.entry], [-worst.gained, -worst.flow.T]]))
+    (a, b), (c, d) = (np.hsplit(part, 2) for part in np.vsplit(flow, 2))
+    end = worst.shift @ b + d
+    inverse = np.linalg.inv(end)
+    w, q = b @ inverse, inverse @ (end @ worst.shift - worst.shift @ a - c)
+    acting, memory = pairs.memory(link)
+    states = acting.shape[1] + extra
+    entered = np.zeros((size, states))
+    entered[:5, : states - extra] = acting
+    entered[5:, states - extra :] = np.eye(extra)
+    whole = np.zeros((states, states))
+    kept, own = [*range(4), *range(states - extra, states)], [*range(4), *range(5, size)]
+    whole[np.ix_(kept, kept)] = 0.5 * (w + w.T)[np.ix_(own, own)]
+    moved = inverse.T @ entered
+    after_memory = np.pad(np.exp(rate * h) * memory, ((0, 0), (0, extra)))
+    after = np.vstack([moved[:4], after_memory, moved[5:]])
+    return WorstPeriod(after, 0.5 * entered.T @ (q + q.T) @ entered, whole)
 
 
-def _along_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    """Blocks of one shape along the diagonal of a matrix, as the slower `scipy.linalg.block_diag`."""
-    places, (rows, columns) = range(len(blocks)), blocks[0].shape
-    whole = np.zeros((len(blocks), rows, len(blocks), columns))
-    whole[places, :, places] = blocks
-    return whole.reshape(len(blocks) * rows, -1)
+class _WorstErrors:
+    """The flow of a pair within a period, of (z, z′, s, s′, f), of a_f and d_f of each filter, and of e and p where
+    there are any; what the worst errors add to it, and what they gain, in periods."""
+
+    def __init__(
+        self,
+        model: np.ndarray,
+        rates: tuple[float, float, float],
+        errors: Errors,
+        multipliers: Multipliers,
+    ) -> None:
+        """`rates`: λ, κ and α."""
+        (size, kappa, alpha), tau, count = rates, multipliers.masses, 5 + 2 * len(multipliers.filters)
+        names = count + sum(errors.channels)
+        unit, none = np.eye(names), np.zeros(names)
+        self._rates = rates
+        z, push, s, turn = unit[:4]
+        error = unit[count] if errors.channels[0] else none
+        fall = unit[-1] if errors.channels[1] else none
+        own = np.pad(model, (0, names - 5))
+        twist, stretched = s + error - fall, s + error
+        r, o = turn + alpha * s, push + alpha * z
+        y, y_z = own[3] + (size + kappa) * s + alpha * (turn + r), alpha * (push + o)
+        a, push_turn = np.sqrt(size) * twist, push - turn
+        pushed = np.sqrt(size) * push_turn
+        self.flow = own + alpha * np.diag([1.0] * 5 + [0.0] * (names - 5))
+        self.flow += np.outer(push_turn, size * (error - fall)) - np.outer(turn, kappa * error)
+        self.gained = tau * _twice(r, y)
+        self.shift = tau * (np.outer(r, r) + np.outer(a, a) + kappa * np.outer(stretched, stretched))
+        mean = 0.5 * (errors.masses.upper - errors.masses.lower) * a
+        for k, (pole, multiplier, lift) in enumerate(multipliers.filters):
+            seen, answer = unit[5 + 2 * k : 7 + 2 * k]
+            self.flow += np.outer(seen, twist - pole * seen) - pole * np.outer(answer, answer)
+            self.gained += multiplier * _twice(answer, twist)
+            self.shift += lift / size * np.outer(answer, answer)
+            pushed = pushed + np.sqrt(size) * answer
+            mean = mean - multiplier * np.sqrt(size) * seen
+        self.flow += np.outer(pushed, mean)
+        self.entry = np.outer(pushed, pushed)
+        self.gained += np.outer(mean, mean) + errors.masses.lower * errors.masses.upper * np.outer(a, a)
+        if errors.channels[0]:
+            self._add(error, s, r, tau * y, errors.springs, multipliers.springs)
+        if errors.channels[1]:
+            self._add(fall, z, o, tau * y_z, errors.slope, multipliers.slope)
+
+    def _add(
+        self,
+        error: np.ndarray,
+        signal: np.ndarray,
+        rate: np.ndarray,
+        drive: np.ndarray,
+        sector: Sector,
+        weights: ChannelWeights,
+    ) -> None:
+        """An error of a signal, a state whose rate is an error of the signal's rate; what else stands at its rate."""
+        known, middle = sector.lower * sector.upper, 0.5 * (sector.upper - sector.lower)
+        n = middle * rate + drive / weights.rate
+        self.flow += np.outer(error, n)
+        self.entry += np.outer(error, error) / weights.rate
+        self.gained += weights.rate * (np.outer(n, n) + known * np.outer(rate, rate))
+        self.gained += weights.signal * (
+            known * np.outer(signal, signal) + middle * _twice(signal, error) - np.outer(error, error)
+        )
+        self.gained += weights.multiplier * _twice(rate, error)
+        self.shift += weights.lift * np.outer(error, error)
 
 
 def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -284,15 +252,20 @@ def gain_peak(worst: WorstPeriod) -> float:
     values, vectors = np.linalg.eigh(worst.w[np.ix_(places, places)])
     if values[0] < -1e-9 * np.abs(values).max():
         return np.inf
-    far = np.maximum(np.abs(1.0 - np.abs(modes)), 1e-5)
-    near = np.abs(np.angle(modes))[:, None] + np.outer(far, NEAR)
-    z = np.exp(1j * np.unique(np.clip(np.r_[near.ravel(), np.geomspace(1e-4, np.pi, 40)], 1e-6, np.pi)))
+    z = np.exp(1j * np.unique(np.r_[near_modes(modes), np.geomspace(1e-4, np.pi, 40)]))
     entry = np.zeros((n, len(places)))
     entry[places] = vectors * np.sqrt(np.maximum(values, 0.0))
     inner = np.linalg.solve(
         z[:, None, None] * np.eye(n) - worst.a, np.broadcast_to(entry, (len(z), *entry.shape))
     )
     return float(np.linalg.eigvalsh(inner.conj().transpose(0, 2, 1) @ worst.q @ inner)[:, -1].max())
+
+
+def near_modes(modes: np.ndarray) -> np.ndarray:
+    """Frequencies about modes (n,) of a sampled loop, rad a period."""
+    far = np.maximum(np.abs(1.0 - np.abs(modes)), 1e-5)
+    near = np.abs(np.angle(modes))[:, None] + np.outer(far, NEAR)
+    return np.clip(near.ravel(), 1e-6, np.pi)
 
 
 def storage(worst: WorstPeriod) -> np.ndarray | None:
@@ -338,105 +311,6 @@ def _reached(a: np.ndarray, w: np.ndarray) -> np.ndarray:
     return w
 
 
-class PopovTolerance(NamedTuple):
-    """The largest errors that multipliers cover at some λ."""
-
-    errors: Errors
-    multipliers: Multipliers
-    share: float  # of the shape; 0 where nothing is covered
-
-
-def popov_tolerance(
-    pairs: SampledPairs, shape: Errors = SYMMETRIC, count: int = 25, fixed: Errors = NONE
-) -> PopovTolerance:
-    """The largest multiple of some errors that multipliers cover at `count` λ, at all frequencies, beside errors of a
-    fixed size; computed.
-
-    No Δ and no E reach −1, where links are infinitely heavy or springs have no stiffness.
-    """
-    search = _Largest(pairs, shape, count, fixed)
-    springs = max(*shape.springs, *fixed.springs) > 0.0
-    best, place, sign = 0.0, (0.0, 0.0, 0.0, 0.0) if springs else (0.0,), 1.0
-    for start, way in _starts(springs):
-        if (share := search.share(_multipliers(start, way), best)) > best:
-            best, place, sign = share, start, way
-    step = FIRST_STEP[len(place) > 1]
-    while best and step > 0.03:
-        before = best
-        for other in _neighbours(place, step):
-            if (share := search.share(_multipliers(other, sign), best)) > best:
-                best, place = share, other
-        step *= 1.0 if len(place) > 1 and best > 1.02 * before else 0.5
-    return PopovTolerance(search.errors(best), _multipliers(place, sign), best)
-
-
-def _starts(springs: bool) -> list[tuple[tuple[float, ...], float]]:
-    """Logarithms of multipliers, and the sign of τ, from which a search begins."""
-    if springs:
-        return [
-            (place, 1.0) for place in product((0.0, 1.0, 2.0), (-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0))
-        ]
-    return [
-        ((power,), sign)
-        for sign, count in ((1.0, 13), (-1.0, 5))
-        for power in np.linspace(*MULTIPLIERS, count).tolist()
-    ]
-
-
-def _neighbours(place: tuple[float, ...], step: float) -> Iterator[tuple[float, ...]]:
-    """A step along each axis, either way; of several multipliers, then all but the first together."""
-    steps = np.eye(len(place))
-    if len(place) > 1:
-        steps = np.vstack([steps, [0.0, 1.0, 1.0, 1.0]])
-    for way in (*steps, *-steps):
-        other = np.array(place) + step * way
-        if len(place) == 1 or (other >= SMALLEST).all():
-            yield tuple(other.tolist())
-
-
-def _multipliers(powers: tuple[float, ...], sign: float) -> Multipliers:
-    first, *others = (10.0**power for power in powers)
-    return Multipliers(sign * first, *others)
-
-
-def small_gain_tolerance(pairs: SampledPairs, shape: Errors = SYMMETRIC, count: int = 25) -> Errors:
-    """The largest multiple of errors of masses that is covered without a multiplier; computed at `count` λ. For a
-    sector of one size this is small gain: errors may change with time, and need not be symmetric."""
-    search = _Largest(pairs, shape, count, NONE)
-    return search.errors(search.share(Multipliers(0.0), 0.0))
-
-
-class _Largest:
-    """The largest multiples of errors that multipliers cover at some λ."""
-
-    def __init__(self, pairs: SampledPairs, shape: Errors, count: int, fixed: Errors) -> None:
-        self.pairs, self.shape, self.fixed = pairs, shape, fixed
-        self.links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
-        self.stable = all(pairs.decay(link) > 0.0 for link in self.links)
-
-    def errors(self, share: float) -> Errors:
-        """The errors of a share."""
-        return self.fixed.and_share(share, self.shape)
-
-    def tolerates(self, share: float, multipliers: Multipliers) -> bool:
-        """Whether errors of this share are covered at all λ."""
-        for k, link in enumerate(self.links):
-            if gain_peak(self.pairs.worst_period(link, self.errors(share), multipliers)) >= 1.0:
-                self.links.insert(0, self.links.pop(k))  # the next question is likely to fail here too
-                return False
-        return self.stable
-
-    def share(self, multipliers: Multipliers, above: float) -> float:
-        """The largest share with multipliers, if it is larger than another one; else 0."""
-        if not self.tolerates(above * (1.0 + ACCURACY) + FIRST, multipliers):
-            return 0.0
-        low, high = above, 1.0 / self.shape.largest
-        while high - low > ACCURACY * max(low, FIRST):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.tolerates(middle, multipliers) else (low, middle)
-        return low
-
-
 @dataclass(frozen=True)
 class PairStorages:
     """P(λ) with some room, so that N(λ) > 0 stays true between nodes."""
@@ -453,37 +327,66 @@ class PairStorages:
         return None if wide is None else storage(wide)
 
     def lifted(self, count: int = 12) -> PairStorages:
-        """The same with a c that makes P positive at `count` λ where one does."""
-        if not self.with_springs:
+        """The same with numbers c that make P positive at `count` λ where some do."""
+        filters, springs, slope = self.multipliers.filters, self.multipliers.springs, self.multipliers.slope
+        if not filters and not self._waiting:
             return self
-        low = [0.0]
+        found: list[tuple[np.ndarray, np.ndarray]] = []
         for link in map(float, self.pairs.gains.links(count, np.inf)):
-            for wide in filter(None, (self._widened(link, room) for room in LIFTED)):
-                if (found := _solutions(wide)) is not None:
-                    p = found[0]
-                    by_itself = p[-1, -1] - p[-1, :-1] @ np.linalg.solve(p[:-1, :-1], p[:-1, -1])
-                    low.append(float(by_itself - CLEAR * abs(p[-1, -1])))
-        return replace(self, multipliers=self.multipliers._replace(lift=2.0 * abs(min(low))))
+            for wide in (self._widened(link, room) for room in LIFTED):
+                if wide is not None and (solutions := _solutions(wide)) is not None:
+                    sizes = [link * self.pairs.gains.period**2] * len(filters) + [1.0] * self._waiting
+                    found.append(self._by_themselves(solutions[0], np.sqrt(sizes)))
+        if not found:
+            return self
+        parts, own = (np.array(each) for each in zip(*found))
+        size = np.sqrt(np.maximum(np.abs(np.diagonal(parts, axis1=1, axis2=2)).max(axis=0), 1e-300))
+        scaled = parts / np.outer(size, size)
+        beside = np.abs(scaled).sum(axis=2) - np.abs(np.diagonal(scaled, axis1=1, axis2=2))
+        low = np.diagonal(parts, axis1=1, axis2=2) - CLEAR * np.abs(own) - beside * size**2
+        lifts = (2.0 * np.maximum(0.0, -low.min(axis=0))).tolist()
+        return replace(
+            self,
+            multipliers=self.multipliers._replace(
+                filters=tuple(one._replace(lift=lift) for one, lift in zip(filters, lifts)),
+                springs=springs._replace(lift=lifts[len(filters)]) if self.errors.channels[0] else springs,
+                slope=slope._replace(lift=lifts[-1]) if self.errors.channels[1] else slope,
+            ),
+        )
+
+    @property
+    def _waiting(self) -> int:
+        """How many of the last states, e and p, neither decay nor grow by themselves."""
+        return sum(self.errors.channels)
+
+    def _by_themselves(self, p: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the states that are lifted, in some units: their part of P after the others are at their best, and its
+        entries."""
+        extra = 2 * len(self.multipliers.filters)
+        first = len(p) - extra - self._waiting
+        places = [*range(first + 1, first + extra, 2), *range(first + extra, len(p))]
+        others = [k for k in range(len(p)) if k not in places]
+        beside = p[np.ix_(others, places)]
+        part = p[np.ix_(places, places)]
+        alone = part - beside.T @ np.linalg.solve(p[np.ix_(others, others)], beside)
+        return alone * np.outer(units, units), np.diag(part) * units**2
 
     def _widened(self, link: float, room: float) -> WorstPeriod | None:
         """A worst period that is worse by a room; None where no P exists."""
-        a, q, w = self.pairs.worst_period(link, self.errors, self.multipliers, self.rate)
-        own = len(a) - self.with_springs  # e neither decays nor grows by itself
+        a, q, w = worst_period(self.pairs, link, self.errors, self.multipliers, self.rate)
+        own = len(a) - self._waiting
         far = 1.0 - float(np.abs(np.linalg.eigvals(a[:own, :own])).max())
         if far <= 0.0:
             return None
         reached, weight = np.diag(_reached(a[:own, :own], w[:own, :own])), np.zeros(len(a))
         weight[:own] = WEIGHT / np.maximum(reached, 1e-12 * reached.max())
         more, gained = 1.0 + MORE * room, q
-        if self.with_springs:  # Q is negative for e, and pays for what lets e grow
-            weight[own:] = 2.0 * MORE * self.multipliers.twist_weight
-            far = min(far, self.multipliers.twist_weight)
-        else:
+        if self._waiting:  # Q is negative for e and p, and pays for what lets them grow
+            weights = self.multipliers.springs, self.multipliers.slope
+            pays = [part.signal for part, there in zip(weights, self.errors.channels) if there]
+            weight[own:] = 2.0 * MORE * np.array(pays)
+            far = min(far, *pays)
+        elif not self.multipliers.filters:
             gained = more * q
         wide = WorstPeriod(a / (1.0 - room * far), gained + room * np.diag(weight), more * w)
         return wide if gain_peak(wide) < 1.0 else None
-
-    @property
-    def with_springs(self) -> bool:
-        """Whether springs have errors."""
-        return max(self.errors.springs) > 0.0

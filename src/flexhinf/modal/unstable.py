@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.arrays import Vector
-from flexhinf.modal.popov import SampledPairs
+from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Largest error that is tried: links of a quarter of their mass, springs four times as stiff.
 LIGHTEST = 3.0

@@ -8,13 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm
+from flexhinf.certify.checker.pairs import ERRORS
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.proof import PairVerdict, WorkspaceProof, modal_filter, proved_errors
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
-from flexhinf.modal.popov import EXACT, NONE, Errors, PopovTolerance, Sector
+from flexhinf.modal.multipliers import PopovTolerance
+from flexhinf.modal.popov import EXACT, NONE, Errors, Sector
 from flexhinf.modal.unstable import UnstableError
 from flexhinf.numerals import at_least, at_most, number
 from flexhinf.pages.drawing import count_text
@@ -137,7 +139,7 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
     if arm and arm.low is not None:
         whole = f"; it does so at every pose of the workspace, shown in {arm.boxes} boxes of poses"
-    masses, (softer, stiffer) = proof.errors
+    masses, (softer, stiffer), _ = proof.errors
     errors = (
         "the model's own masses"
         if checked is None
@@ -386,7 +388,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
-        "version": 4,
+        "version": 5,
         "kind": "workspace",
         "robot": proof.setup.robot.name,
         "text": proof_text(proof),
@@ -412,7 +414,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
 
 def error_numbers(errors: Errors) -> dict[str, object]:
     """Errors by the names of a certificate of pairs."""
-    return dict(zip(("lower", "upper", "softer", "stiffer"), map(float, errors.numbers)))
+    return dict(zip(ERRORS, map(float, errors.numbers)))
 
 
 def pair_text(verdict: PairVerdict) -> str:

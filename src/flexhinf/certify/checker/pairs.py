@@ -33,19 +33,16 @@ MORE = 1e-6
 #: A period is divided into so many parts, each at most so many times into two, in which Φ₂₂ is regular.
 PARTS, HALVINGS = 4, 8
 
-#: Coordinates of (z, z′, s, s′, f, e): what an error of the links pushes, s, its rate, and e.
-PUSH, TWIST, TURN, ERROR = np.array(
-    [[0, 1, 0, -1, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 1]], dtype=object
-)
-
 #: Keys of single numbers in a file.
 LOOP = ["period", "motor", "damping", "holding", "input", "rate"]
-ERRORS = ["lower", "upper", "softer", "stiffer"]
-MULTIPLIERS = ["multiplier", "spring_multiplier", "twist_weight", "rate_weight", "lift"]
+ERRORS = ["lower", "upper", "softer", "stiffer", "falling", "holding_up"]
+SPRING_WEIGHTS = ["spring_multiplier", "twist_weight", "rate_weight", "lift"]
+SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift"]
+MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS]
 SCALARS = [*LOOP, *ERRORS, *MULTIPLIERS]
 
-#: Most intervals, states of a pair, and terms of a filter's series in a file.
-MOST = 100_000, 40, 2_000
+#: Most intervals, states of a pair, terms of a filter's series, and filters of the multiplier in a file.
+MOST = 100_000, 40, 2_000, 4
 
 
 class PairClaim(NamedTuple):
@@ -66,24 +63,41 @@ class PairClaim(NamedTuple):
     upper: float  # δ₂
     softer: float  # ε₁
     stiffer: float  # ε₂
+    falling: float  # γ₁
+    holding_up: float  # γ₂
     multiplier: float  # τ, periods
     spring_multiplier: float  # ρ, periods
     twist_weight: float  # μ₁, periods²
     rate_weight: float  # μ₂
     lift: float  # c, periods
+    slope_multiplier: float  # these four of the slope of gravity
+    place_weight: float
+    slope_rate_weight: float
+    slope_lift: float
+    filters: np.ndarray  # (k, 3), p, σ and c of each filter of the multiplier
     rate: float  # α, 1/s
     links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
     storages: np.ndarray  # (N, 2, n, n), P at both ends of each
 
     @property
     def states(self) -> int:
-        """n, of the loop of a pair, and e where springs have errors."""
-        return 6 + self.latency + 4 * (self.seen is not None) + self.with_springs
+        """n, of the loop of a pair, and what errors add."""
+        return 6 + self.latency + 4 * (self.seen is not None) + self.added
+
+    @property
+    def added(self) -> int:
+        """States that errors add: two of each filter, e where springs have errors, p where gravity has a slope."""
+        return 2 * len(self.filters) + self.with_springs + self.with_slope
 
     @property
     def with_springs(self) -> bool:
         """Whether springs have errors."""
         return max(self.softer, self.stiffer) > 0.0
+
+    @property
+    def with_slope(self) -> bool:
+        """Whether gravity has a slope."""
+        return max(self.falling, self.holding_up) > 0.0
 
 
 class CheckedPairs(NamedTuple):
@@ -95,6 +109,8 @@ class CheckedPairs(NamedTuple):
     upper: float  # δ₂: and down to M/(1 + δ₂)
     softer: float  # ε₁: stiffness down to (1 − ε₁) K
     stiffer: float  # ε₂: and up to (1 + ε₂) K
+    falling: float  # γ₁: slopes of gravity down to −γ₁ K
+    holding_up: float  # γ₂: and up to γ₂ K
     rate: float  # α, 1/s: small motions about rest decay at least like exp(−αt)
     intervals: int
 
@@ -116,6 +132,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
     with refused_as_damaged("certificate of a workspace"):
         one = {name: finite_numbers(numbers[name], 0) for name in SCALARS}
+        filters = _filters(numbers["filters"])
         latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
             raise ValueError(f"latency {latency!r}")
@@ -130,7 +147,8 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
                 raise ValueError("the observer has other shapes")
         poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
         springs = max(one["softer"], one["stiffer"]) > 0.0
-        n = 6 + latency + 4 * (seen is not None) + bool(springs)
+        slope = max(one["falling"], one["holding_up"]) > 0.0
+        n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + bool(springs) + bool(slope)
         links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
         triangles = finite_numbers([part["storages"] for part in parts], 3)
         if any(part["low"] != low for part, low in zip(parts, links.tolist())):
@@ -150,8 +168,16 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             ("upper", one["upper"] >= 0.0),
             ("softer", 0.0 <= one["softer"] < 1.0),
             ("stiffer", one["stiffer"] >= 0.0),
+            ("falling", one["falling"] >= 0.0),
+            ("holding_up", one["holding_up"] >= 0.0),
             ("twist_weight", one["twist_weight"] >= 0.0),
             ("rate_weight", one["rate_weight"] > 0.0 or (one["rate_weight"] == 0.0 and not springs)),
+            ("place_weight", one["place_weight"] >= 0.0),
+            (
+                "slope_rate_weight",
+                one["slope_rate_weight"] > 0.0 or (one["slope_rate_weight"] == 0.0 and not slope),
+            ),
+            ("filters", (filters[:, 0] > 0.0).all()),
             ("poles", (poles > 0.0).all()),
             ("intervals", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
         )
@@ -174,9 +200,20 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         seen=seen,
         table=table,
         filter_range=ends,
+        filters=filters,
         links=links,
         storages=storages,
     )
+
+
+def _filters(value: object) -> np.ndarray:
+    """p, σ and c of the filters of a multiplier, (k, 3)."""
+    if value == []:
+        return np.zeros((0, 3))
+    filters = finite_numbers(value, 2)
+    if filters.shape[1] != 3 or len(filters) > MOST[3]:
+        raise ValueError("the filters have other shapes")
+    return filters
 
 
 def finite_numbers(value: object, dimensions: int) -> np.ndarray:
@@ -204,7 +241,7 @@ def check_pairs(claim: PairClaim) -> CheckedPairs | int:
         if not interval_proved(claim, k):
             return k
     low, high = claim.links[[0, -1]].tolist()
-    errors = claim.lower, claim.upper, claim.softer, claim.stiffer
+    errors = claim.lower, claim.upper, claim.softer, claim.stiffer, claim.falling, claim.holding_up
     return CheckedPairs(low, high, *errors, claim.rate, len(claim.storages))
 
 
@@ -280,7 +317,7 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
 
 def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
-    whole_flow, size = _flow(claim, centre, half), 5 + claim.with_springs
+    whole_flow, size = _flow(claim, centre, half), 5 + claim.added
     flow = whole_flow.hamiltonian.exponential()
     x, y = flow.rows(0, size).columns(0, size), flow.rows(0, size).columns(size, 2 * size)
     c, d = flow.rows(size, 2 * size).columns(0, size), flow.rows(size, 2 * size).columns(size, 2 * size)
@@ -290,10 +327,9 @@ def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
     acting, memory = _sampled(claim, centre, half, whole_flow.free.exponential().rows(0, 4))
     growth = (arb(claim.rate) * arb(claim.period)).exp()
     # Rows of the flow's states that the worst moves, and where the loop has these.
-    places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.with_springs
+    places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.added
     places[range(4), range(4)] = 1
-    if claim.with_springs:
-        places[-1, -1] = 1
+    places[range(5, size), range(4 + other, claim.states)] = 1
     moves = TaylorMatrix.of(places.tolist())
     kept = np.eye(claim.states, dtype=int)[4 : 4 + other].T
     after = moves.transpose() @ inverse.transpose() @ acting + TaylorMatrix.of(kept.tolist()) @ memory.times(
@@ -305,56 +341,115 @@ def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
 class _Flow(NamedTuple):
     """What errors do to a pair within a period, in periods."""
 
-    hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f, e) and its costate
+    hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f), what errors add, and its costate
     shift: TaylorMatrix  # S, which is added to V
     free: TaylorMatrix  # M of (z, z′, s, s′, f), without errors and rate
 
 
-def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
-    h, size = arb(claim.period), 5 + claim.with_springs
-    numbers = [arb(getattr(claim, name)) for name in (*ERRORS, *MULTIPLIERS)]
-    lower, upper, softer, stiffer, tau, rho, twist_weight, rate_weight, lift = numbers
-    alpha, zero = arb(claim.rate) * h, arb(0)
-    kappa, beta, nu, b = (
-        arb(claim.motor) * h**2,
-        arb(claim.damping) * h,
-        arb(claim.holding) * h**2,
-        arb(claim.input) * h**2,
-    )
-    twist, turn = TWIST + ERROR, TURN + alpha * TWIST
-    # What else than the twist of the spring turns s: ṙ without −(λ + κ)(s + e).
-    driven = np.array([-nu, -beta, -nu, -beta, b, zero], dtype=object)
-    driving = driven + alpha * (TURN + turn)
-    still = np.outer(TURN, driven - kappa * twist)
-    still[0, 1] += 1
-    still[2, 3] += 1
+class _Forms:
+    """Matrices of a pair with entries of balls: a constant, and a factor of λ in 1/s² times h²."""
 
-    def linear(constant: np.ndarray, slope: np.ndarray) -> TaylorMatrix:
-        """constant + λh² slope, the rows and columns that there are."""
+    def __init__(self, claim: PairClaim) -> None:
+        self._claim, self._size = claim, 5 + claim.added
+        zero = np.full((self._size, self._size), arb(0), dtype=object)
+        # M′, the entry of the worst, Q′ and S: a constant, and a factor of λh².
+        self.moved, self.entry, self.gained, self.shift = ([zero.copy(), zero.copy()] for _ in range(4))
+        self.lift = zero.copy()  # and of S a factor of 1/(λh²)
+        self._unit = np.eye(self._size, dtype=int).astype(object)
+        self._drive()
+
+    def _drive(self) -> None:
+        claim, unit = self._claim, self._unit
+        none = unit[0] * 0
+        z, push, twist, turn, force = unit[:5]
+        after_filters = 5 + 2 * len(claim.filters)
+        error = unit[after_filters] if claim.with_springs else none
+        fall = unit[-1] if claim.with_slope else none
+        h = arb(claim.period)
+        kappa, beta, nu = arb(claim.motor) * h**2, arb(claim.damping) * h, arb(claim.holding) * h**2
+        alpha, tau = arb(claim.rate) * h, arb(claim.multiplier)
+        # What else than the twist of the spring turns s: ṙ without −λ(s + e − p) − κ(s + e).
+        driven = arb(claim.input) * h**2 * force - nu * (twist + z) - beta * (turn + push)
+        r, o, felt = turn + alpha * twist, push + alpha * z, twist + error - fall
+        driving, rising = driven + alpha * (turn + r), alpha * (push + o)
+        _add(self.moved[0], np.outer(z, push) + np.outer(twist, turn))
+        _add(self.moved[0], np.outer(turn, driven - kappa * (twist + error)))
+        _add(self.moved[0], alpha * np.diag([1] * 5 + [0] * (self._size - 5)).astype(object))
+        pushed, mean = push - turn, (arb(claim.upper) - arb(claim.lower)) / 2 * felt
+        _add(self.moved[1], np.outer(pushed, felt))
+        _add(self.gained[0], tau * _twice(r, driving))
+        _add(self.shift[0], tau * (np.outer(r, r) + kappa * np.outer(twist + error, twist + error)))
+        _add(self.shift[1], tau * np.outer(felt, felt))
+        for k, numbers in enumerate(claim.filters.tolist()):
+            pole, multiplier, lift = map(arb, numbers)
+            seen, answer = unit[5 + 2 * k], unit[6 + 2 * k]
+            _add(self.moved[0], np.outer(seen, felt - pole * seen) - pole * np.outer(answer, answer))
+            _add(self.gained[0], multiplier * _twice(answer, felt))
+            _add(self.lift, lift * np.outer(answer, answer))
+            pushed, mean = pushed + answer, mean - multiplier * seen
+        _add(self.moved[1], np.outer(pushed, mean))
+        _add(self.entry[1], np.outer(pushed, pushed))
+        _add(
+            self.gained[1], np.outer(mean, mean) + arb(claim.lower) * arb(claim.upper) * np.outer(felt, felt)
+        )
+        if claim.with_springs:
+            self._channel(error, twist, r, tau * driving, ("softer", "stiffer"), SPRING_WEIGHTS)
+        if claim.with_slope:
+            self._channel(fall, z, o, tau * rising, ("falling", "holding_up"), SLOPE_WEIGHTS)
+
+    def _channel(
+        self,
+        error: np.ndarray,
+        signal: np.ndarray,
+        rate: np.ndarray,
+        drive: np.ndarray,
+        ends: tuple[str, str],
+        names: list[str],
+    ) -> None:
+        """A state, an error of a signal, whose rate is an error of the signal's rate and stands beside a drive."""
+        lower, upper = (arb(getattr(self._claim, name)) for name in ends)
+        multiplier, weight, rate_weight, lift = (arb(getattr(self._claim, name)) for name in names)
+        n = (upper - lower) / 2 * rate + drive / rate_weight
+        _add(self.moved[0], np.outer(error, n))
+        _add(self.entry[0], np.outer(error, error) / rate_weight)
+        _add(self.shift[0], lift * np.outer(error, error))
+        _add(self.gained[0], rate_weight * (np.outer(n, n) + lower * upper * np.outer(rate, rate)))
+        known = lower * upper * np.outer(signal, signal) + (upper - lower) / 2 * _twice(signal, error)
+        _add(self.gained[0], weight * (known - np.outer(error, error)) + multiplier * _twice(rate, error))
+
+
+def _add(matrix: np.ndarray, other: np.ndarray) -> None:
+    """Add in place."""
+    matrix += other
+
+
+def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
+    forms, h = _Forms(claim), arb(claim.period)
+
+    def linear(parts: list[np.ndarray]) -> TaylorMatrix:
+        """constant + λh² slope."""
         first, second = (
-            arb_mat([[zero + entry for entry in row[:size]] for row in part[:size].tolist()])
-            for part in (constant, slope)
+            arb_mat([[arb(0) + entry for entry in row] for row in part.tolist()]) for part in parts
         )
         return TaylorMatrix([first + second * (h**2 * centre), second * (h**2 * half), first * 0])
 
-    felt, pushed = np.outer(PUSH, twist), np.outer(PUSH, PUSH)
-    free = linear(still, felt)
-    growth = alpha * np.diag([1, 1, 1, 1, 1, 0]).astype(object)
-    moved, entry, gained = still + growth, pushed * 0, tau * _twice(turn, driving)
-    shift = tau * (np.outer(turn, turn) + kappa * np.outer(twist, twist))
-    if claim.with_springs:
-        n = (stiffer - softer) / 2 * turn + tau / rate_weight * driving
-        moved = moved + np.outer(ERROR, n)
-        entry = entry + np.outer(ERROR, ERROR) / rate_weight
-        shift = shift + lift * np.outer(ERROR, ERROR)
-        gained = gained + rate_weight * (np.outer(n, n) + softer * stiffer * np.outer(turn, turn))
-        known = softer * stiffer * np.outer(TWIST, TWIST) + (stiffer - softer) / 2 * _twice(TWIST, ERROR)
-        gained = gained + twist_weight * (known - np.outer(ERROR, ERROR)) + rho * _twice(turn, ERROR)
-    m = linear(moved, (1 + (upper - lower) / 2) * felt)
-    q = linear(gained, ((lower + upper) / 2) ** 2 * np.outer(twist, twist))
-    hamiltonian = TaylorMatrix.stacked([[m, linear(entry, pushed)], [-q, -m.transpose()]])
-    whole = linear(shift, tau * np.outer(twist, twist))
-    return _Flow(hamiltonian, whole, free.rows(0, 5).columns(0, 5))
+    m, q = linear(forms.moved), linear(forms.gained)
+    hamiltonian = TaylorMatrix.stacked([[m, linear(forms.entry)], [-q, -m.transpose()]])
+    shift = linear(forms.shift)
+    if len(claim.filters):
+
+        def reciprocal(link: arb_series) -> list[arb_series]:
+            return [1 / (link * h**2)]
+
+        lift = arb_mat(forms.lift.tolist())
+        shift += TaylorMatrix([lift * part[0, 0] for part in taylor_row(reciprocal, centre, half).parts])
+    return _Flow(hamiltonian, shift, linear(_still(claim)))
+
+
+def _still(claim: PairClaim) -> list[np.ndarray]:
+    """M of (z, z′, s, s′, f) without errors and rate, a constant and a factor of λh²."""
+    exact = dict.fromkeys((*ERRORS, *MULTIPLIERS, "rate"), 0.0)
+    return _Forms(claim._replace(**exact, filters=np.zeros((0, 3)))).moved
 
 
 def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -366,7 +461,7 @@ def regular_at_first(claim: PairClaim) -> bool:
     """Whether Φ₂₂ is regular at all instants of a period at the first λ: then it is so in all intervals in which it is
     regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
     with _balls():
-        whole_flow, size = _flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.with_springs
+        whole_flow, size = _flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.added
         rate, shift = whole_flow.hamiltonian.parts[0], whole_flow.shift
         parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
         while parts:
@@ -386,8 +481,8 @@ def regular_at_first(claim: PairClaim) -> bool:
 def _sampled(
     claim: PairClaim, centre: arb, half: arb, flow: TaylorMatrix
 ) -> tuple[TaylorMatrix, TaylorMatrix]:
-    """(z, z′, s, s′), the acting input, and e where springs have errors, and the memory after a period, by the states
-    of the loop."""
+    """(z, z′, s, s′), the acting input and what errors add, and the memory after a period, by the states of the
+    loop."""
     h, n, observed = arb(claim.period), claim.states, claim.seen is not None
     unit = TaylorMatrix.of(np.eye(n).tolist())
     state, memory = unit.rows(0, 4), 4 + 4 * observed
@@ -412,7 +507,7 @@ def _sampled(
     position = (state if exact else estimate).rows(0, 1)
     before, last = unit.rows(memory, memory + 1), unit.rows(memory + 1, memory + 2)
     integral, ahead = before + (last + position).times(arb(0.5)), estimate
-    waiting = [unit.rows(k, k + 1) for k in range(memory + 2, n - claim.with_springs)]
+    waiting = [unit.rows(k, k + 1) for k in range(memory + 2, n - claim.added)]
     for one in waiting:
         ahead = flow @ TaylorMatrix.stacked([[ahead], [one]])
 
@@ -424,5 +519,5 @@ def _sampled(
     queue = [*waiting, force]
     after = [flow @ TaylorMatrix.stacked([[estimate], [queue[0]]])] if observed else []
     after = [[part] for part in (*after, integral, position, *queue[1:])]
-    error = [[unit.rows(n - 1, n)]] if claim.with_springs else []
-    return TaylorMatrix.stacked([[state], [queue[0]], *error]), TaylorMatrix.stacked(after)
+    added = [[unit.rows(n - claim.added, n)]] if claim.added else []
+    return TaylorMatrix.stacked([[state], [queue[0]], *added]), TaylorMatrix.stacked(after)

@@ -7,8 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import interval_proved, pair_claim, regular_at_first
-from flexhinf.modal.popov import NONE, Errors, PairStorages, PopovTolerance, SampledPairs, popov_tolerance
+from flexhinf.certify.checker.pairs import (
+    ERRORS,
+    SLOPE_WEIGHTS,
+    SPRING_WEIGHTS,
+    interval_proved,
+    pair_claim,
+    regular_at_first,
+)
+from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
+from flexhinf.modal.popov import NONE, Errors, PairStorages
+from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
 FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
@@ -67,7 +76,7 @@ def largest_certificate(
     progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
     tolerance = popov_tolerance(pairs, shape, fixed=fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
-    shares = SPRUNG if max(tolerance.errors.springs) > 0.0 else SHARES
+    shares = SPRUNG if any(tolerance.errors.channels) else SHARES
     parts = [share * tolerance.share for share in shares if tolerance.share > 0.0]
     if whole and tolerance.share > 1.0:
         parts = [max(1.0, parts[-1])]
@@ -106,15 +115,11 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         "poles": gains.poles.tolist(),
         "coefficients": gains.coefficients[:5].tolist(),
         "observer": observer,
-        "lower": storages.errors.masses.lower,
-        "upper": storages.errors.masses.upper,
-        "softer": storages.errors.springs.lower,
-        "stiffer": storages.errors.springs.upper,
+        **dict(zip(ERRORS, map(float, storages.errors.numbers))),
         "multiplier": multipliers.masses,
-        "spring_multiplier": multipliers.springs,
-        "twist_weight": multipliers.twist_weight,
-        "rate_weight": multipliers.rate_weight,
-        "lift": multipliers.lift,
+        **dict(zip(SPRING_WEIGHTS, multipliers.springs)),
+        **dict(zip(SLOPE_WEIGHTS, multipliers.slope)),
+        "filters": [list(one) for one in multipliers.filters],
         "rate": float(storages.rate),
         "intervals": intervals,
     }

@@ -27,8 +27,8 @@ from flexhinf.design.workspace.search import fastest_setup, tuned_setup
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.estimation.modal import has_equal_joints
+from flexhinf.modal.multipliers import popov_tolerance
 from flexhinf.modal.pair import PairWeights
-from flexhinf.modal.popov import popov_tolerance
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import payload_masses
 from flexhinf.robot.workspace import Workspace

@@ -23,16 +23,9 @@ from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
-from flexhinf.modal.popov import (
-    EXACT,
-    NONE,
-    SYMMETRIC,
-    Errors,
-    PopovTolerance,
-    SampledPairs,
-    Sector,
-    popov_tolerance,
-)
+from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
+from flexhinf.modal.popov import EXACT, NONE, SYMMETRIC, Errors, Sector
+from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.modal.unstable import UnstableError, smallest_unstable
 from flexhinf.robot import Robot
 from flexhinf.robot.file_keys import is_dict
@@ -65,7 +58,8 @@ def proved_errors(checked: CheckedPairs | None) -> Errors:
     """The errors of a certificate; none without one."""
     if checked is None:
         return NONE
-    return Errors(Sector(checked.lower, checked.upper), Sector(checked.softer, checked.stiffer))
+    masses, springs = Sector(checked.lower, checked.upper), Sector(checked.softer, checked.stiffer)
+    return Errors(masses, springs, Sector(checked.falling, checked.holding_up))
 
 
 class WorkspaceProof(NamedTuple):

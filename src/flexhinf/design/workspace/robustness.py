@@ -21,7 +21,7 @@ from flexhinf.design.workspace.proof import computed_tolerance, proved_stability
 from flexhinf.design.workspace.samples import FURTHER, POSES_SEED, corner_moves, goals_of
 from flexhinf.design.workspace.setup import HOLD, CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.modal import ProvedRange
-from flexhinf.modal.popov import PopovTolerance
+from flexhinf.modal.multipliers import PopovTolerance
 
 #: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
 #: range to which they are found.

@@ -1,0 +1,258 @@
+"""Search for the multipliers that let a loop of pairs tolerate the largest errors."""
+
+# Not checked strictly: parts of SciPy and NumPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from flexhinf.modal.popov import (
+    NONE,
+    SYMMETRIC,
+    ChannelWeights,
+    Errors,
+    FilterWeights,
+    Multipliers,
+    Sector,
+    gain_peak,
+    near_modes,
+    worst_period,
+)
+from flexhinf.modal.sampled_pairs import SampledPairs
+
+#: Relative accuracy of a tolerance, and the smallest one.
+ACCURACY, FIRST = 0.01, 1e-4
+
+#: First step of log₁₀ of one multiplier, and of several; the last one, and what a larger share than before is.
+FIRST_STEP, LAST_STEP, MORE = (0.1, 0.5), 0.03, 1.02
+
+#: Weights of springs and of a slope from which a search begins, and the smallest ones; log₁₀.
+CHANNEL_STARTS, SMALLEST = ((-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0)), (-4.0, -4.0, -3.0)
+
+#: Shares of what masses alone would have from which τ begins beside other errors.
+BESIDE = (1.0, 0.1, 0.01)
+
+#: log₁₀ of the poles of filters that are tried, in periods, and how many filters at most; how much more one must bring.
+POLES, FILTERS, WORTH = (-2.0, -1.5, -1.0, -0.5, 0.0), 2, 1.05
+
+#: λ and frequencies of the responses by which a multiplier is chosen; bisections of a share; how much more room the
+#: inequality has where it depends on τ.
+LINKS, FREQUENCIES, BISECTIONS, ROOM = 40, 60, 7, 10.0
+
+#: Poles that are tried in the loop itself, and the parts of the largest share at which their numbers are sought.
+CHOSEN, PARTS = 2, (0.98, 0.9, 0.75)
+
+
+class PopovTolerance(NamedTuple):
+    """The largest errors that multipliers cover at some λ."""
+
+    errors: Errors
+    multipliers: Multipliers
+    share: float  # of the shape; 0 where nothing is covered
+
+
+def popov_tolerance(
+    pairs: SampledPairs, shape: Errors = SYMMETRIC, count: int = 25, fixed: Errors = NONE
+) -> PopovTolerance:
+    """The largest multiple of some errors that multipliers cover at `count` λ, at all frequencies, beside errors of a
+    fixed size; computed.
+
+    No Δ and no E reach −1, where links are infinitely heavy or springs have no stiffness.
+    """
+    search = _Largest(pairs, shape, count, fixed)
+    best, place = 0.0, None
+    for one in _starts(pairs, shape, fixed):
+        if (share := search.share(one.multipliers, best)) > best:
+            best, place = share, one
+    if place is None:
+        return PopovTolerance(search.errors(0.0), Multipliers(0.0), 0.0)
+    best, place = _climbed(search, best, place)
+    return PopovTolerance(search.errors(best), place.multipliers, best)
+
+
+def _climbed(search: _Largest, best: float, place: _Place) -> tuple[float, _Place]:
+    """The largest share by steps along the axes, from a place with a share."""
+    step = FIRST_STEP[len(place.powers) > 1]
+    while step > LAST_STEP:
+        before = best
+        for other in place.neighbours(step):
+            if (share := search.share(other.multipliers, best)) > best:
+                best, place = share, other
+        step *= 1.0 if len(place.powers) > 1 and best > MORE * before else 0.5
+    return best, place
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Logarithms of multipliers and their signs: τ of slow vibrations, ρ, μ₁ and μ₂ of springs and of a slope, then the
+    pole of each filter, with what is added to τ beyond it."""
+
+    channels: tuple[bool, bool]  # whether springs and a slope have weights
+    signs: tuple[float, ...]
+    powers: tuple[float, ...]
+
+    @classmethod
+    def of(cls, masses: Sequence[float], channels: tuple[bool, bool], weights: Sequence[float]) -> _Place:
+        """Of τ, poles and steps, and of logarithms of the weights of each channel."""
+        slow, *filters = masses
+        powers = [np.log10(abs(slow)), *weights, *np.log10(np.abs(filters))]
+        signs = [np.sign(slow), *(1.0 for _ in weights), *np.sign(filters)]
+        return cls(channels, tuple(map(float, signs)), tuple(map(float, powers)))
+
+    @property
+    def multipliers(self) -> Multipliers:
+        """These, as numbers."""
+        slow, *others = (sign * 10.0**power for sign, power in zip(self.signs, self.powers))
+        weights = [
+            ChannelWeights(others.pop(0), others.pop(0), others.pop(0)) if own else ChannelWeights()
+            for own in self.channels
+        ]
+        # τ + (step) ω²/(ω² + p²)
+        filters = [
+            FilterWeights(pole, -0.5 * step * pole**2) for pole, step in zip(others[::2], others[1::2])
+        ]
+        springs, slope = weights
+        return Multipliers(slow + sum(others[1::2]), springs, slope, tuple(filters))
+
+    def neighbours(self, step: float) -> Iterator[_Place]:
+        """A step along each axis, either way; of several weights, then all of them together."""
+        size, weights = len(self.powers), 3 * sum(self.channels)
+        steps, least = np.eye(size), np.full(size, -np.inf)
+        if weights:
+            steps = np.vstack([steps, [0.0] + [1.0] * weights + [0.0] * (size - 1 - weights)])
+            least[1 : 1 + weights] = SMALLEST * sum(self.channels)
+            least[0] = -1.0
+        for way in (*steps, *-steps):
+            other = np.array(self.powers) + step * way
+            if (other >= least).all():
+                yield _Place(self.channels, self.signs, tuple(other.tolist()))
+
+
+def _starts(pairs: SampledPairs, shape: Errors, fixed: Errors) -> Iterator[_Place]:
+    """Places from which a search begins."""
+    channels = fixed.and_share(1.0, shape).channels
+    masses = shape.masses if max(shape.masses) > 0.0 else Sector(1.0, 1.0)
+    chosen = list(_of_masses(pairs, masses))
+    if not any(channels):
+        for one in chosen:
+            yield _Place.of(one, channels, ())
+        return
+    for (slow, *filters), share in product(chosen, BESIDE):
+        own = [abs(slow) * share, *(own * (share if k % 2 else 1.0) for k, own in enumerate(filters))]
+        for weights in product(*CHANNEL_STARTS):
+            yield _Place.of(own, channels, weights * sum(channels))
+
+
+def _of_masses(pairs: SampledPairs, shape: Sector) -> Iterator[list[float]]:
+    """τ of slow vibrations, then pole and step of filters: by responses these cover errors of masses alone, without
+    filters and with as few as bring more."""
+    seen = _Responses(pairs, shape)
+    best = 0.0
+    for count in range(FILTERS + 1):
+        tried = [(seen.largest(poles), poles) for poles in combinations(POLES, count)]
+        if (most := max(tried)[0]) <= (WORTH if count else 1.0) * best:
+            return
+        best = most
+        for share, poles in sorted(tried)[-CHOSEN:]:
+            for part in PARTS:
+                if (one := seen.fitted(poles, part * share)) is not None:
+                    yield one
+
+
+class _Responses:
+    """What pairs answer to errors of masses at frequencies; what samples mix of other frequencies is left out."""
+
+    def __init__(self, pairs: SampledPairs, shape: Sector) -> None:
+        self._shape = shape
+        self._at, self._values = np.hstack(
+            [_response(pairs, link) for link in map(float, pairs.gains.links(LINKS, np.inf))]
+        )
+
+    def largest(self, poles: Sequence[float]) -> float:
+        """The largest share of the shape that filters with these poles, log₁₀, cover."""
+        low, high = 0.0, 1.0 / max(self._shape)
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self.fitted(poles, middle) is None else (middle, high)
+        return low
+
+    def fitted(self, poles: Sequence[float], share: float) -> list[float] | None:
+        """The numbers with the largest room at which a share is covered; None where there are none."""
+        from scipy.optimize import linprog
+
+        at, values = self._at.real, self._values
+        parts = np.array([np.ones(len(at)), *(at**2 / (at**2 + 100.0**pole) for pole in poles)])
+        rows = (-2.0 * at * values.imag)[:, None] * parts.T
+        lower, upper = share * np.array(self._shape)
+        known = (upper - lower) * values.real + lower * upper * np.abs(values) ** 2 - 1.0
+        whole = np.hstack([rows, 1.0 + ROOM * np.abs(rows[:, :1])])
+        bounds = [*[(None, None)] * len(parts), (None, 1.0)]
+        found = linprog([*[0.0] * len(parts), -1.0], whole, -known, bounds=bounds)
+        if found.status != 0 or found.x[-1] <= 0.0:
+            return None
+        slow, *steps = (float(one) or 1e-9 for one in found.x[:-1])
+        return [slow, *(one for pole, step in zip(poles, steps) for one in (10.0**pole, step))]
+
+
+def _response(pairs: SampledPairs, link: float) -> np.ndarray:
+    """Frequencies, rad a period, dense where the modes of a pair are, and what a is there for d of size one; (2, f)."""
+    model, (acting, memory) = pairs.model(link), pairs.memory(link)
+    flow, size = expm(model), np.sqrt(link) * pairs.gains.period
+    loop = np.vstack([(flow @ acting)[:4], memory])
+    at = np.unique(np.r_[np.geomspace(1e-3, 2.0 * np.pi, FREQUENCIES), near_modes(np.linalg.eigvals(loop))])
+    entry, z = size * np.array([0.0, 1.0, 0.0, -1.0, 0.0]), np.exp(1j * at)
+    inverse = np.linalg.inv(1j * at[:, None, None] * np.eye(5) - model)
+    forced = inverse @ entry
+    pushed = np.zeros((len(at), len(loop)), dtype=complex)
+    pushed[:, :4] = (z[:, None] * forced - forced @ flow.T)[:, :4]
+    states = np.linalg.solve(z[:, None, None] * np.eye(len(loop)) - loop, pushed[..., None])[..., 0]
+    free = states @ acting.T - forced
+    # the mean of x(t) exp(−jωt) over a period
+    mean = forced + np.einsum("fij,fj->fi", inverse, free - (free @ flow.T) / z[:, None])
+    return np.array([at, size * mean[:, 2]])
+
+
+def small_gain_tolerance(pairs: SampledPairs, shape: Errors = SYMMETRIC, count: int = 25) -> Errors:
+    """The largest multiple of errors of masses that is covered without a multiplier; computed at `count` λ. For a
+    sector of one size this is small gain: errors may change with time, and need not be symmetric."""
+    search = _Largest(pairs, shape, count, NONE)
+    return search.errors(search.share(Multipliers(0.0), 0.0))
+
+
+class _Largest:
+    """The largest multiples of errors that multipliers cover at some λ."""
+
+    def __init__(self, pairs: SampledPairs, shape: Errors, count: int, fixed: Errors) -> None:
+        self.pairs, self.shape, self.fixed = pairs, shape, fixed
+        self.links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
+        self.stable = all(pairs.decay(link) > 0.0 for link in self.links)
+
+    def errors(self, share: float) -> Errors:
+        """The errors of a share."""
+        return self.fixed.and_share(share, self.shape)
+
+    def tolerates(self, share: float, multipliers: Multipliers) -> bool:
+        """Whether errors of this share are covered at all λ."""
+        for k, link in enumerate(self.links):
+            if gain_peak(worst_period(self.pairs, link, self.errors(share), multipliers)) >= 1.0:
+                self.links.insert(0, self.links.pop(k))  # the next question is likely to fail here too
+                return False
+        return self.stable
+
+    def share(self, multipliers: Multipliers, above: float) -> float:
+        """The largest share with multipliers, if it is larger than another one; else 0."""
+        if not self.tolerates(above * (1.0 + ACCURACY) + FIRST, multipliers):
+            return 0.0
+        low, high = above, 1.0 / self.shape.largest
+        while high - low > ACCURACY * max(low, FIRST):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.tolerates(middle, multipliers) else (low, middle)
+        return low

@@ -1,0 +1,120 @@
+"""Sampled loops of pairs of a link and a motor, with latency and an estimator.
+
+The unit of time is the period, so that all numbers have a size near one.
+"""
+
+# Not checked strictly: parts of SciPy and NumPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.linalg import expm
+
+from flexhinf.modal.pair import PairGains
+
+if TYPE_CHECKING:
+    from flexhinf.estimation.modal import ModalFilter
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPairs:
+    """The sampled loops of all pairs of a law: latency, and an estimator or the true state."""
+
+    gains: PairGains
+    latency: int = 0
+    filter: ModalFilter | None = None
+
+    def model(self, link: float) -> np.ndarray:
+        """M (5, 5) of (z, z′, s, s′, f), in units of the period."""
+        pair, h = self.gains.pair(link), self.gains.period
+        m = np.zeros((5, 5))
+        m[0, 1] = m[2, 3] = 1.0
+        m[1, 2] = link * h**2
+        m[3] = [-pair.holding * h**2, -pair.damping * h, 0.0, -pair.damping * h, pair.input * h**2]
+        m[3, 2] = -(link + pair.motor + pair.holding) * h**2
+        return m
+
+    @cached_property
+    def _memories(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
+        """The state and the acting input (5, n), and the memory after a period (n − 4, n), by the n states.
+
+        The states are (z, z′, s, s′), the filter's prediction of these, the integral in periods, the last position, and
+        the inputs that wait, the next one first.
+        """
+        if link in self._memories:
+            return self._memories[link]
+        h, observed = self.gains.period, self.filter is not None
+        size = 6 + self.latency + 4 * observed
+        unit = np.eye(size)
+        state, others = unit[:4], unit[4 + 4 * observed :]
+        flow = expm(self.model(link))[:4]
+        estimate, position = state, state[0]
+        if self.filter is not None:
+            seen, table, (low, high) = self.filter.pair
+            place = np.clip((2.0 * np.log(link) - low - high) / (high - low), -1.0, 1.0)
+            correction = chebyshev.chebval(place, table).reshape(4, -1)
+            # Filter and gains count in (z, z′, w, w′) and in seconds.
+            to_plain = np.array(
+                [[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]], dtype=float
+            )
+            correction, sees = np.linalg.solve(to_plain, correction), seen @ to_plain
+            estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
+            if [1.0, 0.0, 0.0, 0.0] not in seen.tolist():
+                position = estimate[0]
+        integral, ahead = others[0] + 0.5 * (others[1] + position), estimate
+        for waiting in others[2:]:
+            ahead = flow @ np.vstack([ahead, waiting])
+        kz, kdz, kw, kdw, ke = self.gains(link)[:5]
+        gain = np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
+        queue = np.vstack([others[2:], -gain @ np.vstack([ahead, integral])])
+        predicted = [flow @ np.vstack([estimate, queue[0]])] if observed else []
+        found = np.vstack([state, queue[0]]), np.vstack([*predicted, integral, position, queue[1:]])
+        return self._memories.setdefault(link, found)
+
+    def radius(
+        self,
+        links: Sequence[float],
+        errors: np.ndarray,
+        springs: np.ndarray | float = 0.0,
+        slope: np.ndarray | float = 0.0,
+    ) -> float:
+        """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia, E (k, k) of the
+        stiffness, and a slope Γ (k, k) of gravity, mix."""
+        count, roots = len(links), np.sqrt(links) * self.gains.period
+        model = _along_diagonal([*map(self.model, links)])
+        acting, memory = zip(*map(self.memory, links))
+        stiffness, felt = np.eye(count) + springs, errors * np.outer(roots, roots)
+        inertia = np.diag(roots**2) + felt
+        added, falls = inertia @ stiffness - np.diag(roots**2), inertia @ (slope + np.zeros((count, count)))
+        model[1::5, 2::5] += added
+        model[1::5, 0::5] -= falls
+        model[3::5, 0::5] += falls
+        motor = self.gains.motor * self.gains.period**2
+        model[3::5, 2::5] -= added + motor * (stiffness - np.eye(count))
+        moved = (expm(model) @ _along_diagonal(acting)).reshape(count, 5, -1)[:, :4]
+        kept = _along_diagonal(memory).reshape(count, len(memory[0]), -1)
+        loop = np.concatenate([moved, kept], axis=1).reshape(moved.shape[2], -1)
+        return float(np.abs(np.linalg.eigvals(loop)).max())
+
+    def decay(self, link: float) -> float:
+        """The rate of the slowest mode of a pair without errors, 1/s; negative where it is unstable."""
+        return -float(np.log(self.radius([link], np.zeros((1, 1))))) / self.gains.period
+
+
+def _along_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Blocks of one shape along the diagonal of a matrix, as the slower `scipy.linalg.block_diag`."""
+    places, (rows, columns) = range(len(blocks)), blocks[0].shape
+    whole = np.zeros((len(blocks), rows, len(blocks), columns))
+    whole[places, :, places] = blocks
+    return whole.reshape(len(blocks) * rows, -1)
