@@ -47,6 +47,24 @@ def test_error_is_below_some_units_in_the_last_place(name, bounds, fused, pointw
 @pytest.mark.oracle
 @FUSED
 @pytest.mark.parametrize("name", FUNCTIONS)
+def test_far_angles_are_right_to_one_unit_in_the_last_place(name, fused, pointwise):
+    """Beside multiples of π/2 too, down to the float64 that is nearest to one, and up to the largest."""
+    random = np.random.default_rng(9)
+    sizes = np.exp(random.uniform(np.log(1.1 * REACH[fused]), np.log(1e308), 600))
+    with mpmath.workprec(1300):
+        beside = [
+            float(mpmath.nint(2 * mpmath.mpf(size) / mpmath.pi) * mpmath.pi / 2) for size in sizes[:300]
+        ]
+    points = np.array([*sizes, *beside, 6381956970095103.0 * 2.0**797, np.finfo(float).max])
+    points *= random.choice([-1.0, 1.0], len(points))
+    found = pointwise(FUNCTIONS[name], points, lanes=8, fused=fused)
+    assert worst_ulp(name, points, found) < 0.9
+    np.testing.assert_array_equal(pointwise(FUNCTIONS[name], points, fused=fused), found)
+
+
+@pytest.mark.oracle
+@FUSED
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_relative_error_holds_beside_multiples_of_a_quarter_turn(name, fused, pointwise):
     farthest = int(REACH[fused] * 0.6)
     turns = np.concatenate([np.arange(400), np.random.default_rng(4).integers(400, farthest, 600)])

@@ -2,7 +2,7 @@
 
 Sine and cosine: in double the operations are those of `flexhinf.codegen.emit.sines`, with fused multiply-adds (FUSED)
 and without, so that machine code and C agree to the last bit, in vectors too. Angles beyond the reach, and what is not
-finite, go to the library.
+finite, go to the library, whose last bits are its own.
 
 In float nothing goes to the library, whose time nobody bounds. Up to 1e4 an angle is reduced by Cody and Waite's method
 in four parts of π/2, of which three have 11 bits: their products with the number of quarter turns are exact. Beyond, it

@@ -59,16 +59,25 @@ class ModuleText:
     `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
     `library`: Emitted name of a C library function to its own name. `operations`: Operations in the traced functions, a
     measure of the time to compile. `fused`: Products are fused into sums, for which the target has an instruction.
-    `choosing`: To choose between two vectors costs the target less than to compute with both.
+    `choosing`: To choose between two vectors costs the target less than to compute with both. `gpu`: For a thread of a
+    GPU, which has no vectors in which neighbours of a run could travel together, and no stack to align; the entry is a
+    part of a larger function.
     """
 
     lanes: Lanes
     fused: bool = True
     choosing: bool = True
+    gpu: bool = False
     definitions: dict[str, str] = field(default_factory=dict[str, str])
     declarations: dict[str, str] = field(default_factory=dict[str, str])
     library: dict[str, str] = field(default_factory=dict[str, str])
     operations: int = 0
+
+    @property
+    def frame(self) -> str:
+        """Attributes of functions of steps. Vectors on the stack lie in one line of the cache each: those of eight
+        lanes took up to twice as long across two."""
+        return "nounwind" if self.gpu else 'nounwind "stackrealign"'
 
     def __str__(self) -> str:
         return "\n".join([*self.declarations.values(), *self.definitions.values(), ""])
@@ -91,6 +100,11 @@ class Writer:
         self.first: list[str] = []
         self.lines: list[str] = []
         self._names = itertools.count(1)
+
+    @property
+    def packs(self) -> bool:
+        """Whether neighbours travel together in the lanes of a vector: in a kernel for a single run."""
+        return self.lanes.width == 1 and not self.module.gpu
 
     def alike(self, lanes: Lanes) -> Writer:
         """A writer with other lanes that appends to the same text."""
@@ -299,6 +313,11 @@ class Writer:
         scalars = ", ".join(["double"] * len(operands))
         module.library[foreign] = name
         module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
+        return self.lanewise(foreign, *operands)
+
+    def lanewise(self, foreign: str, *operands: str) -> str:
+        """Call a function of one lane in every lane; returns the name of the result."""
+        module = self.module
         if self.lanes.width == 1:
             return self.call(foreign, *operands)
         lanewise = f"{foreign}_lanes{self.lanes.width}"
