@@ -3,6 +3,7 @@
 ::
 
     NumPy ─► scalars.trace ─► compose ─► Program ─┬─► emit, by dataflow ───────────────────────► LLVM ─► machine code
+                                                  ├─► the same, one lane, by threads ──────────► PTX ─► gpu, by cuda
                                                   └─► stages, straight ─► Program ─► c, by dataflow ─► C99
     loops over tables of places: the solver's, the checker's ─► loops ─────────────────► LLVM ─► machine code
 

@@ -25,8 +25,8 @@ import re
 import stat
 import sys
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -41,7 +41,7 @@ from flexhinf.files import part_file
 from flexhinf.validation import open_regular, read_bytes
 
 if TYPE_CHECKING:
-    from flexhinf.codegen.machine import Code
+    from flexhinf.codegen.machine import Code, Host
 
 
 def check_lanes(program: Program, lanes: int) -> None:
@@ -414,37 +414,75 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
     rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
     """
     check_lanes(program, lanes)
+    with _compiling(program):
+        from flexhinf.codegen import machine
+
+        host, highest = machine.host(), highest_optimisation()
+        once = host.fused if fused is None else fused
+
+        def load(code: bytes) -> Kernel:
+            library, _, image = code.partition(b"\n")
+            return Kernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
+
+        def make() -> bytes:
+            """The C functions that are needed, on a line, and the object code."""
+            from flexhinf.codegen.emit.module import emit_module
+
+            module = emit_module(program, lanes, once, host.choosing)
+            head = json.dumps(module.library).encode() + b"\n"
+            return head + machine.assemble(str(module), min(machine.level(module.operations), highest))
+
+        way = f"{lanes} {once} {host.choosing} {highest}"
+        return cached(_parts(program, way, host), make, load)
+
+
+def compile_ptx(program: Program, returned: tuple[str, ...], fused: bool | None = None) -> str:
+    """PTX of a program for a GPU, a thread for each run; see `flexhinf.codegen.threads`.
+
+    `returned`: Names of buffers of which elements are returned. `fused`: As for `compile_program`: None for what this
+    processor does. Raises Unsupported: as `compile_program`; and for functions of the C library, which no GPU has.
+    """
+    with _compiling(program):
+        from flexhinf.codegen import machine
+
+        host, highest = machine.host(), highest_optimisation()
+        once = host.fused if fused is None else fused
+
+        def make() -> bytes:
+            from flexhinf.codegen.threads import emit_threads
+
+            module = emit_threads(program, returned, once)
+            if module.library:
+                called = ", ".join(sorted(module.library.values()))
+                what = f"its model calls {called} of the C library"
+                raise Unsupported("The loop cannot run on a GPU.", what, 'device="cpu" (--device cpu)')
+            level = min(machine.level(module.operations), highest)
+            return machine.assemble_ptx(str(module), level).encode()
+
+        way = f"{returned} {once} {host.version} {highest}"
+        return cached(_parts(program, way, machine.PTX), make).decode()
+
+
+@contextmanager
+def _compiling(program: Program) -> Generator[None]:
+    """Nothing else is compiled or loaded meanwhile; what fails says so."""
     try:
         with _LOCK:
-            from flexhinf.codegen import machine
-            from flexhinf.codegen.operations import written_by_others
-
-            host, highest = machine.host(), highest_optimisation()
-            once = host.fused if fused is None else fused
-
-            def load(code: bytes) -> Kernel:
-                library, _, image = code.partition(b"\n")
-                return Kernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
-
-            def make() -> bytes:
-                """The C functions that are needed, on a line, and the object code."""
-                from flexhinf.codegen.emit.module import emit_module
-
-                module = emit_module(program, lanes, once, host.choosing)
-                head = json.dumps(module.library).encode() + b"\n"
-                return head + machine.assemble(str(module), min(machine.level(module.operations), highest))
-
-            target = (host.triple, host.cpu, host.features, host.version)
-            way = f"{lanes} {once} {host.choosing} {highest}"
-            emitter = emitter_digest(), written_by_others()
-            parts = (fingerprint(program), way, *target, *emitter, _version())
-            return cached(parts, make, load)
+            yield
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(
             f"Program '{program.name}' cannot be compiled.",
             f"llvmlite does not work here ({reason})",
             "python -m pip install --force-reinstall llvmlite",
         ) from reason
+
+
+def _parts(program: Program, way: str, target: Host) -> tuple[str, ...]:
+    """Everything that machine code depends on."""
+    from flexhinf.codegen.operations import written_by_others
+
+    machine = target.triple, target.cpu, target.features, target.version
+    return (fingerprint(program), way, *machine, emitter_digest(), written_by_others(), _version())
 
 
 class BoundKernel(partial[int]):
@@ -504,6 +542,6 @@ def _version() -> str:
 def emitter_digest() -> str:
     """SHA-256 of the sources that turn a program into LLVM text; empty where there are none to read."""
     here = Path(__file__).parent
-    own = (here / f"{name}.py" for name in ("noise", "operations", "dataflow"))
+    own = (here / f"{name}.py" for name in ("noise", "operations", "dataflow", "threads"))
     sources = (*own, *sorted((here / "emit").glob("*.py")))
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

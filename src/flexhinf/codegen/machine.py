@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from contextlib import suppress
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 
@@ -74,6 +75,10 @@ class Host:
         return self.triple.startswith(("x86", "i386", "i686"))
 
 
+#: What PTX is made for: any card since 2018.
+PTX = Host("nvptx64-nvidia-cuda", "sm_75", "+ptx63", "")
+
+
 class Code:
     """Machine code loaded into this process; released when the object is.
 
@@ -110,9 +115,26 @@ def assemble(text: str, level: int) -> bytes:
 
     `level`: See `level`; at 0 the text is translated as it stands.
     """
+    target = _target(level)
+    with _optimised(text, level, target) as module:
+        return target.emit_object(module)
+
+
+def assemble_ptx(text: str, level: int) -> str:
+    """Optimise LLVM text and return PTX, which the driver of a GPU assembles for the card at hand."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(PTX.triple)
+    target = machine.create_target_machine(cpu=PTX.cpu, features=PTX.features, opt=max(1, level))
+    with _optimised(text, level, target) as module:
+        return target.emit_assembly(module)
+
+
+@contextmanager
+def _optimised(text: str, level: int, target: llvm.TargetMachine) -> Generator[llvm.ModuleRef]:
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
+        module.triple, module.data_layout = target.triple, str(target.target_data)
         module.verify()
-        target = _target(level)
         with (
             llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()) as builder,
             llvm.create_new_module_pass_manager() as passes,
@@ -120,7 +142,7 @@ def assemble(text: str, level: int) -> bytes:
             for name in _PASSES if level else ():
                 getattr(passes, f"add_{name}_pass")()
             passes.run(module, builder)
-        return target.emit_object(module)
+        yield module
 
 
 def _target(level: int) -> llvm.TargetMachine:

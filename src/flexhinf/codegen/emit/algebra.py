@@ -40,7 +40,7 @@ class Algebra:
 
     @property
     def _single(self) -> bool:
-        return self.writer.lanes.width == 1
+        return self.writer.packs
 
     @property
     def _side(self) -> int:  # rows of a tile, and columns of a symmetric one

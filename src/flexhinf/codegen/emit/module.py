@@ -56,8 +56,6 @@ from flexhinf.codegen.program import (
 
 #: From which a function may be called and yet be put there: a Map has one for blocks, one for the rest.
 _PLACES = 2
-#: A stack whose vectors lie in one line of the cache each: those of eight lanes took up to twice as long across two.
-FRAME = 'nounwind "stackrealign"'
 _SMALL = 200  # operations of a function that is put where it is called
 
 #: Columns of a `Map`, and angles, that travel together in the lanes of a kernel for a single run.
@@ -81,9 +79,9 @@ def emit_function(
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
 
-    A function that has sines is written twice. The first is a straight line without the C library's sines, whose calls
-    would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm). If an angle turns
-    out to be too far for it, all is done again by the second. The bits are the same.
+    A function that has sines is written twice. The first is a straight line without the reduction of far angles, whose
+    calls would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm). If an angle
+    turns out to be too far for it, all is done again by the second. The bits are the same.
     """
     flows = [read_dataflow(function, OPERATIONS, module.fused) for function in functions]
     flow, far = joined(flows, functions, links or {}), ""
@@ -95,7 +93,8 @@ def emit_function(
     )
     if any(operation.code in TURNS for operation in flow.operations.values()):
         far = f"{name}_far"
-        _define(module, far, pointers, flow, lanes, shared, "noinline optnone cold ")
+        rarely = "noinline cold " if module.gpu else "noinline optnone cold "
+        _define(module, far, pointers, flow, lanes, shared, rarely)
     _define(module, name, pointers, flow, lanes, shared, far=far)
     return flow.size
 
@@ -119,8 +118,8 @@ def _define(
     """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
     writer, values, beyond = Writer(module, lanes), dict[int, str](), list[str]()
     wanted = Counter(op.arguments[0] for op in flow.operations.values() if op.code in TURNS)
-    largest = lanes.constant(0.0)
-    for straight, turns in _rounds(flow) if far and lanes.width == 1 else [(list(flow.operations), [])]:
+    largest, together = lanes.constant(0.0), writer.packs
+    for straight, turns in _rounds(flow) if far and together else [(list(flow.operations), [])]:
         for k in straight:
             operation = flow.operations[k]
             if operation.code == casadi.OP_CONST:
@@ -135,7 +134,7 @@ def _define(
                 if far and operation.code in TURNS:  # at once, so that no angle is kept for it
                     largest = writer.larger(writer.intrinsic("fabs", operands[0]), largest)
         beyond += _emit_turns(writer, flow, turns, values)
-    if far and lanes.width > 1:
+    if far and not together:
         beyond = [writer.compare("ogt", largest, lanes.constant(REACH[module.fused]))]
     if far:  # before anything is stored: a result may overwrite an argument
         some = reduce(partial(writer.joined, "or"), beyond)
@@ -145,7 +144,9 @@ def _define(
     for result, element, value in flow.outputs:
         writer.store_element(f"%out{result}", element, values[value])
     writer.do("ret void")
-    module.define(name, f"define internal void @{name}({pointers}) {attributes}{FRAME} {{", writer.lines)
+    module.define(
+        name, f"define internal void @{name}({pointers}) {attributes}{module.frame} {{", writer.lines
+    )
 
 
 def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
@@ -210,25 +211,27 @@ def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> 
     return caller.let(f"call {real} @{full}({numbers})")
 
 
-def emit_module(program: Program, lanes: int, fused: bool = True, choosing: bool = True) -> ModuleText:
+def emit_module(
+    program: Program, lanes: int, fused: bool = True, choosing: bool = True, gpu: bool = False
+) -> ModuleText:
     """Write the LLVM module of a program: its text, and the names to link it with.
 
-    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`: As of `ModuleText`; it changes no bit. Raises
+    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`, `gpu`: As of `ModuleText`; they change no bit. Raises
     Unsupported: A traced function holds an operation that is not in the table.
     """
-    return _Emitter(program, ModuleText(Lanes(lanes), fused, choosing)).emit()
+    return _Emitter(program, ModuleText(Lanes(lanes), fused, choosing, gpu)).emit()
 
 
 class _Emitter:
     def __init__(self, program: Program, module: ModuleText) -> None:
         self.program, self.module = program, module
         self.lanes = self.module.lanes
-        self.single = self.lanes.width == 1  # a kernel for a single run
         self.functions: dict[Hashable, str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
+        self.single = self.writer.packs  # a kernel for a single run
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> ModuleText:
@@ -253,20 +256,21 @@ class _Emitter:
         self._body(self.program.body, ())
         writer.place("finish", "br label %finish")
         largest = writer.read(self.lanes.integer, self.codes)
-        if not self.single:
+        if width > 1:
             name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
             self.module.declarations[name] = f"declare i64 @{name}({self.lanes.integer})"
             largest = writer.let(f"call i64 @{name}({self.lanes.integer} {largest})")
         writer.do(f"ret i64 {largest}")
-        head = f"define i64 @{ENTRY}(ptr %context) {FRAME} {{\nentry:"
+        kind = ("internal ", " alwaysinline") if self.module.gpu else ("", "")
+        head = f"define {kind[0]}i64 @{ENTRY}(ptr %context){kind[1]} {self.module.frame} {{\nentry:"
         self.module.define(ENTRY, head, [*writer.first, *writer.lines])
         # Functions of columns and small ones are put where they are called, if that is a place or two: what a `Map` has
         # in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
+        frame = f") {self.module.frame}"
         for name, places in self.calls.items():
             if places <= _PLACES and (name in self.mapped or self.sizes[name] <= _SMALL):
-                self.module.definitions[name] = self.module.definitions[name].replace(
-                    f") {FRAME}", f") alwaysinline {FRAME}", 1
-                )
+                text = self.module.definitions[name]
+                self.module.definitions[name] = text.replace(frame, f") alwaysinline{frame[1:]}", 1)
         self.module.definitions["!0"] = '!0 = !{!"branch_weights", i32 1, i32 1000000}'
         self.module.operations = sum(self.sizes.values())
         return self.module

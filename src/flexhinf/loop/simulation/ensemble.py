@@ -10,17 +10,18 @@ that of a single run, and their signals are reduced afterwards, to the same bits
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Numbers, Vector
-from flexhinf.codegen import Kernel, aligned, compile_program
+from flexhinf.codegen import Kernel, Program, aligned, compile_program
+from flexhinf.codegen.gpu import Device, GpuKernel, PlantArrays
 from flexhinf.codegen.noise import seed_key
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, refuse_if
@@ -32,9 +33,9 @@ from flexhinf.loop.simulation.inputs import (
     sample_disturbance,
     sample_noise,
     start_text,
-    white_noise,
 )
 from flexhinf.loop.simulation.metrics import CommandFacts, EnsembleResult, Place, Reduction
+from flexhinf.loop.simulation.prepared import PreparedRun, zeros
 from flexhinf.loop.simulation.program import (
     Channel,
     EnsembleOptions,
@@ -46,7 +47,7 @@ from flexhinf.loop.simulation.program import (
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
 from flexhinf.processors import thread_count
-from flexhinf.validation import checked_array, read_only, real_array, value_text
+from flexhinf.validation import checked_array, real_array, value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -89,73 +90,6 @@ class EnsemblePlants:
         return len(self.truth)
 
 
-#: Signal and its size in `LoopCode.sizes`, by the buffer that it is recorded in.
-RECORDED = {
-    "states": ("state", "x"),
-    "estimates": ("estimate", "estimate"),
-    "outputs": ("output", "y"),
-    "inputs": ("input", "u"),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class PreparedRun:
-    """A run with all its arrays, ready for the kernel.
-
-    `times` (N,) are in s; `arrays` are the inputs of the kernel, by buffer (those that the loop does not have are left
-    out), `recorded` signals that are known before the run, `settings` for the trajectory; `deviation` (p,) is that of
-    the noise, None without it.
-    """
-
-    code: LoopCode
-    times: np.ndarray
-    arrays: dict[str, np.ndarray]
-    recorded: dict[str, np.ndarray]
-    settings: dict[str, Any]
-    deviation: np.ndarray | None
-
-    def with_seed(self, seed: int) -> PreparedRun:
-        """The same run with the noise of another seed."""
-        check_seed(seed)
-        arrays = dict(self.arrays)
-        if self.deviation is not None:
-            arrays["noise"] = white_noise(self.deviation, seed, len(self.times)).ravel()
-        return replace(self, arrays=arrays, settings=self.settings | {"seed": seed})
-
-    def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-        """Arrays of the kernel by buffer, of which those that it writes are new, and the turns of its loops."""
-        code, own, samples = self.code, self.arrays, len(self.times)
-        arrays = {
-            buffer.name: own[buffer.name].copy() if buffer.role == "state" else own[buffer.name]
-            for buffer in code.program.buffers
-            if buffer.name in own
-        } | {name: np.empty(samples * code.sizes[size]) for name, (_, size) in RECORDED.items()}
-        if waiting := code.channel.delay:  # before the inputs
-            arrays["inputs"] = np.concatenate([np.tile(own["held"], waiting), arrays["inputs"]])
-        # The first sub-step is not in the loop of the others.
-        return arrays, {"steps": samples, "parts": code.sub_steps - 1, "late": waiting * code.sizes["u"]}
-
-    def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
-        """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
-        and the last sample of its `RunStatus`."""
-        code, (arrays, counts) = self.code, self.buffers()
-        status = (code.kernel() if kernel is None else kernel).run(arrays, counts)
-        arrays["inputs"] = arrays["inputs"][counts["late"] :]
-        rows = {signal: arrays[name].reshape(len(self.times), -1) for name, (signal, _) in RECORDED.items()}
-        signals, end = rows | self.recorded, (int(status.code), int(status.step))
-        doubtful = code.controller.doubts_in(arrays["memory"])
-        run = Trajectory.until(
-            code.plant, code.controller, self.times, signals, self.settings, *end, int(doubtful)
-        )
-        return run, *end
-
-
-@lru_cache(4)
-def zeros(size: int) -> np.ndarray:
-    """Zeros (size,), read-only: one array for all runs, since fresh memory for each takes as long as the run."""
-    return read_only(np.zeros(size))
-
-
 class Recorded(NamedTuple):
     """Records of N runs."""
 
@@ -196,6 +130,7 @@ class Ensemble:
         initial_inputs: Numbers = None,
         threads: int | None = None,
         lanes: int | None = None,
+        device: Device = "cpu",
     ) -> EnsembleResult:
         """Make N runs.
 
@@ -216,17 +151,24 @@ class Ensemble:
         threads, lanes : int, optional
             Results do not depend on them. By default `thread_count`, and `LANES` where the runs are worth a kernel
             of them.
+        device : {"cpu", "gpu"}
+            Where the runs are made; few of them are on the processor. Results do not depend on it.
 
         Raises
         ------
         InvalidInput
             For arrays that do not fit, and for a plant that is too fast for this period.
+        FlexhinfError
+            Without a GPU, where there should be one, and for a model that calls the C library, such as tanh.
         """
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         threads = thread_count() if threads is None else threads
         few = lanes is None and self._few(plants)
         lanes = LANES if lanes is None else lanes
-        recorded = self._alone(plants, threads) if few else self._in_lanes(plants, lanes, threads)
+        if few:
+            recorded = self._alone(plants, threads)
+        else:
+            recorded = self._on_gpu(plants) if device == "gpu" else self._in_lanes(plants, lanes, threads)
         failed = recorded.codes != 0
         diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
         recorded.reduction_memory[:, failed] = np.nan
@@ -320,35 +262,47 @@ class Ensemble:
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
     ) -> Recorded:
-        own = {**plants.own, "truth": np.column_stack([self.command.period / plants.parts, plants.truth])}
-        if "deviation" in self.shared:
-            own["key"] = np.column_stack([np.zeros(len(plants)), *seed_key(plants.seeds)])
         recorded = self._room(len(plants))
-        values = self._disturbances(plants) if disturbances is None else disturbances
-        for number in np.unique(plants.parts).tolist():
-            shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
-            kernel, rows = self.kernel(number, lanes), np.flatnonzero(plants.parts == number)
+        for rows, number, data in self._arrays(plants, disturbances):
+            kernel = self.kernel(number, lanes)
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
             queue, count = iter(batches), max(1, min(threads, len(batches)))
             with ThreadPoolExecutor(count) as pool:
-                arguments = (kernel, number, shared, own, queue, recorded)
-                for work in [pool.submit(self._work, *arguments) for _ in range(count)]:
+                for work in [pool.submit(self._work, kernel, data, queue, recorded) for _ in range(count)]:
                     work.result()
         return recorded
 
-    def _work(
-        self,
-        kernel: Kernel,
-        parts: int,
-        shared: Mapping[str, np.ndarray],
-        own: Mapping[str, np.ndarray],
-        queue: Iterator[np.ndarray],
-        recorded: Recorded,
-    ) -> None:
-        samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
+    def _on_gpu(self, plants: EnsemblePlants) -> Recorded:
+        recorded, doubts, whole = self._room(len(plants)), self.controller.doubts, self.reduction_memory
+        columns = np.add.outer(self.instants * len(self.kept), np.arange(len(self.kept)))
+        places = {"reduction_memory": np.arange(len(whole)), "kept": columns.ravel()}
+        if doubts:
+            memory = self.controller.memory
+            places["memory"] = np.arange(memory.size)[memory.places["doubt"]][1:2]
+        places = {name: some for name, some in places.items() if len(some)}
+        for rows, number, data in self._arrays(plants):
+            ended = self._gpu_kernel(number, tuple(places)).run(data.taken(rows), len(rows), places)
+            recorded.codes[rows], recorded.steps[rows] = ended.codes, ended.steps
+            if doubts:
+                recorded.doubtful[rows] = ended.returned["memory"][0]
+            if len(whole):
+                recorded.reduction_memory[:, rows] = ended.returned["reduction_memory"]
+            if self.kept:
+                kept = ended.returned["kept"].reshape(*columns.shape, -1)
+                self._keep(recorded, rows, kept)
+        return recorded
+
+    def _arrays(
+        self, plants: EnsemblePlants, disturbances: Disturbances | None = None
+    ) -> Iterator[tuple[np.ndarray, int, PlantArrays]]:
+        """Rows of plants with one number of sub-steps, that number, and the arrays of all plants."""
+        own = {**plants.own, "truth": np.column_stack([self.command.period / plants.parts, plants.truth])}
+        if "deviation" in self.shared:
+            own["key"] = np.column_stack([np.zeros(len(plants)), *seed_key(plants.seeds)])
+        samples = self.command.samples
         start = {**self.start, "step": np.zeros(1), "reduction_memory": self.reduction_memory}
         start = {name: column for name, column in start.items() if name not in own}
-        counts, waiting = {"steps": samples, "parts": parts}, self.channel.delay
+        counts, waiting = {"steps": samples, "parts": 0}, self.channel.delay
         if waiting and "held" in own:
             own["inputs"] = np.tile(own["held"], (1, waiting))
         elif waiting:
@@ -357,8 +311,20 @@ class Ensemble:
         if waiting:
             sizes["inputs"], counts["late"] = (samples + waiting) * sizes["held"], waiting * sizes["held"]
         sizes["kept"] = samples * len(self.kept)
-        arrays = {name: aligned(size * lanes).reshape(size, lanes) for name, size in sizes.items() if size}
-        run = kernel.bind({**shared, **arrays}, counts)
+        values = self._disturbances(plants) if disturbances is None else disturbances
+        for number in np.unique(plants.parts).tolist():
+            shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
+            data = PlantArrays(start, own, shared, {**counts, "parts": number}, sizes)
+            yield np.flatnonzero(plants.parts == number), number, data
+
+    def _work(
+        self, kernel: Kernel, data: PlantArrays, queue: Iterator[np.ndarray], recorded: Recorded
+    ) -> None:
+        samples, lanes, start, own = self.command.samples, kernel.lanes, data.start, data.own
+        arrays = {
+            name: aligned(size * lanes).reshape(size, lanes) for name, size in data.sizes.items() if size
+        }
+        run = kernel.bind({**data.shared, **arrays}, data.counts)
         for rows in queue:  # an iterator of a list, from which each thread takes the next
             count = len(rows)
             filled = np.append(rows, np.repeat(rows[-1:], lanes - count))  # idle lanes repeat one
@@ -374,9 +340,13 @@ class Ensemble:
                 recorded.reduction_memory[:, rows] = arrays["reduction_memory"][:, :count]
             if self.kept:
                 kept = arrays["kept"].reshape(samples, len(self.kept), -1)[self.instants]
-                recorded.kept[rows] = kept[..., :count].transpose(2, 0, 1)
-                for row in rows[recorded.codes[rows] != 0]:
-                    recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
+                self._keep(recorded, rows, kept[..., :count])
+
+    def _keep(self, recorded: Recorded, rows: np.ndarray, kept: np.ndarray) -> None:
+        """Enter signals (T, j, N) of some runs, but for what is after the last sample of one that failed."""
+        recorded.kept[rows] = kept.transpose(2, 0, 1)
+        for row in rows[recorded.codes[rows] != 0]:
+            recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
         recorded, settings = self._room(len(plants)), [dict(self.settings) for _ in range(len(plants))]
@@ -528,21 +498,20 @@ class Ensemble:
 
     def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
         """Compiled program of as many runs as lanes; without a disturbance it serves any number of sub-steps."""
+        key, program = self._program(sub_steps)
+        return share((*key, lanes), lambda: compile_program(program(), lanes, self.controller.fused))
+
+    def _gpu_kernel(self, sub_steps: int, returned: tuple[str, ...]) -> GpuKernel:
+        key, program = self._program(sub_steps)
+        return share((*key, returned), lambda: GpuKernel(program(), returned, self.controller.fused))
+
+    def _program(self, sub_steps: int) -> tuple[tuple[object, ...], Callable[[], Program]]:
+        """Key of the program of many runs, and what writes it."""
         disturbed = self.disturbance is not None
         code = LoopCode(self.plant, self.controller, self.channel, sub_steps if disturbed else 1)
         options = EnsembleOptions("deviation" in self.shared, disturbed, self.channel.delay > 0, self.kept)
-        return share(
-            (
-                *code.key,
-                "ensemble",
-                options,
-                tuple(reduction.code_key for reduction in self.reductions),
-                lanes,
-            ),
-            lambda: compile_program(
-                loop_program(code, options, self.reductions), lanes, self.controller.fused
-            ),
-        )
+        key = *code.key, "ensemble", options, tuple(reduction.code_key for reduction in self.reductions)
+        return key, lambda: loop_program(code, options, self.reductions)
 
     @cached_property
     def _reducer(self) -> Kernel:
