@@ -60,7 +60,7 @@ def test_processes_get_every_batch_at_the_first_time(monkeypatch: pytest.MonkeyP
             super().__init__(workers)
 
     monkeypatch.setattr(campaign_driver, "ProcessPoolExecutor", Pool)
-    monkeypatch.setattr(campaign_driver, "remote_batch", lambda content, batch, version: batch)
+    monkeypatch.setattr(campaign_driver, "remote_batch", lambda content, batch, *given: batch)
     found = [batch for batch, _ in campaign_driver._pooled(made_campaign(50, 1), range(50), 1)]
     assert sorted(found) == list(range(50))
 

@@ -179,7 +179,7 @@ def test_folders_that_somebody_changed_are_refused_in_words(
 def test_a_campaign_that_is_not_complete_never_exits_with_0(
     judged: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def losing(workers: int, note: object) -> object:
+    def losing(workers: int, note: object, device: str) -> object:
         return lambda campaign, batches: in_this_process(campaign, batches[1:])
 
     monkeypatch.setattr(flexhinf.campaign, "in_processes", losing)

@@ -16,6 +16,7 @@ from .driver import (
     in_cluster as in_cluster,
     in_processes as in_processes,
     in_this_process as in_this_process,
+    on_device as on_device,
     run_campaign as run_campaign,
     run_in_memory as run_in_memory,
 )

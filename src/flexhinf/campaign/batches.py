@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 
@@ -35,6 +36,8 @@ from flexhinf.campaign.metrics import (
     stability_reduction,
 )
 from flexhinf.campaign.samples import Sample, SampleColumns, taken
+from flexhinf.codegen import cuda
+from flexhinf.codegen.gpu import Device
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
 from flexhinf.loop.simulation.inputs import (
@@ -72,6 +75,9 @@ PART = "part metric"
 
 #: The execution mode of samples that run one by one.
 ALONE = "alone"
+
+#: Samples by which a campaign is judged to be one for a GPU.
+FIRST = 8
 
 #: Options in which the samples of one ensemble may differ, besides parameters, noise and loads.
 _BATCHABLE = frozenset({"initial_state", "initial_input"})
@@ -299,6 +305,25 @@ class Campaign:
                 places.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
         return places
 
+    def check_device(self, device: object) -> None:
+        """Refuse what is no device, and a GPU for runs that are made one by one.
+
+        The first samples stand for all: where only some are, such as those with a plant of their own, these run on the
+        processor.
+        """
+        one_of("There is no such device.", device, get_args(Device))
+        if device == "cpu":
+            return
+        whole = [name for m in self.metrics if m.reduced is None for name in m.units]
+        first = self.draw.samples(range(min(FIRST, self.samples)), self.samples, self.seed)
+        refuse_if(
+            not self._reduces or all(self._mode(sample) == ALONE for sample in first),
+            "The runs of this campaign are made one by one, which a GPU does not.",
+            "expected metrics that need no signals, and samples without a plant, delay, reference or disturbance of "
+            f"their own, got {', '.join(whole) or 'others'}",
+            cuda.ON_CPU,
+        )
+
     @property
     def _reduces(self) -> bool:
         """Whether no metric needs whole signals."""
@@ -396,24 +421,29 @@ def checked_integer(name: str, value: object, smallest: int, largest: int, examp
 Rows = dict[str, np.ndarray]
 
 
-def run_batch(campaign: Campaign, batch: int) -> Rows:
-    """The rows of one batch. They are the same on every machine of one kind, whatever else runs.
+def run_batch(campaign: Campaign, batch: int, device: Device = "cpu") -> Rows:
+    """The rows of one batch. They are the same on every machine of one kind, whatever else runs, on either device.
 
     InvalidInput if there is no such batch, or a sample's run or metric is refused; the message names the sample.
     """
     checked_integer("batch", batch, 0, campaign.batches - 1, "0")
-    return rows_of(campaign, campaign.indices(batch))
+    return rows_of(campaign, campaign.indices(batch), device=device)
 
 
-def run_batches(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
+def run_batches(
+    campaign: Campaign, batches: Sequence[int], device: Device = "cpu"
+) -> Iterator[tuple[int, Rows]]:
     """The rows of several batches, made at once, which is faster than one after the other; `run_batch` of each."""
     counts = [len(campaign.indices(batch)) for batch in batches]
-    rows = rows_of(campaign, [index for batch in batches for index in campaign.indices(batch)])
+    indices = [index for batch in batches for index in campaign.indices(batch)]
+    rows = rows_of(campaign, indices, device=device)
     for batch, end, count in zip(batches, np.cumsum(counts).tolist(), counts):
         yield batch, {name: column[end - count : end] for name, column in rows.items()}
 
 
-def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample] = ()) -> Rows:
+def rows_of(
+    campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample] = (), device: Device = "cpu"
+) -> Rows:
     """The rows of samples, from the campaign or others; sample k has the noise of the k-th index."""
     samples = samples or campaign.draw.samples(indices, campaign.samples, campaign.seed)
     count, names = len(indices), {column.name for column in campaign.columns if column.kind == "parameter"}
@@ -435,7 +465,7 @@ def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample
         for some in modes.values():
             assert campaign.ensemble is not None
             plants = campaign.plants([indices[k] for k in some], taken(samples, some))
-            _fill_reduced(campaign, columns, np.array(some), campaign.ensemble.run(**plants))
+            _fill_reduced(campaign, columns, np.array(some), campaign.ensemble.run(**plants, device=device))
         runs = campaign.trajectories([indices[k] for k in alone], taken(samples, alone))
         for place in alone:
             _fill_run(campaign, columns, place, next(runs))

@@ -18,7 +18,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from contextvars import copy_context
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
@@ -40,6 +40,8 @@ from flexhinf.campaign.draws import Draw, DrawFunction
 from flexhinf.campaign.journal import Journal, disk_refusals
 from flexhinf.campaign.metrics import MetricsLike
 from flexhinf.campaign.results import MergedTable, labelled, merged
+from flexhinf.codegen import cuda
+from flexhinf.codegen.gpu import Device
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop.simulation.inputs import RunOptions
 from flexhinf.processors import MOST_THREADS, limited_threads, set_threads, thread_count
@@ -81,11 +83,12 @@ class Pending(Protocol):
 Submitted = TypeVar("Submitted", bound=Pending)
 
 
-def in_cluster(address: str) -> Executor:
+def in_cluster(address: str, device: Device = "cpu") -> Executor:
     """An executor on the workers of a scheduler of Dask's, ``tcp://host:8786``.
 
     If a worker dies, others run its batches. If the scheduler dies, the campaign ends; finished batches are kept, and
-    the same call continues. The workers need flexhinf of the driver's version.
+    the same call continues. The workers need flexhinf of the driver's version. `device`: Where they
+    make their runs; those without a GPU on their processor.
     InvalidInput for an address of another form, or where `distributed` is not installed.
     """
     refuse_if(
@@ -113,7 +116,7 @@ def in_cluster(address: str) -> Executor:
         pending: dict[DaskFuture, int] = {}
 
         def submit(batch: int) -> DaskFuture:
-            future = client.submit(remote_batch, content, batch, __version__, pure=False)
+            future = client.submit(remote_batch, content, batch, __version__, device, pure=False)
             done.add(future)
             return future
 
@@ -158,15 +161,16 @@ def _as_done(
             yield pending.pop(future), rows
 
 
-def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
-    """Run a batch of a pickled campaign in another process, and return its rows."""
+def remote_batch(sent: bytes, batch: int, version: str, device: Device = "cpu") -> Rows:
+    """Run a batch of a pickled campaign in another process, and return its rows; without a GPU on its processor."""
     refuse_if(
         version != __version__,
         "The workers run another version of flexhinf.",
         f"expected {version}, got {__version__}",
         "the driver's version on every worker",
     )
-    return run_batch(_worker_campaign(sent), batch)
+    own: Device = "gpu" if device == "gpu" and cuda.is_there() else "cpu"
+    return run_batch(_worker_campaign(sent), batch, own)
 
 
 _worker_campaign = lru_cache(2)(pickle.loads)  # keeps compiled code from batch to batch
@@ -291,7 +295,17 @@ def _written(
         pool.shutdown()
 
 
-def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
+def on_device(device: Device) -> Executor:
+    """The executor of this process, on its GPU if that is the device; FlexhinfError without one."""
+    if device == "cpu":
+        return in_this_process
+    cuda.card()
+    return partial(in_this_process, device=device)
+
+
+def in_this_process(
+    campaign: Campaign, batches: Sequence[int], device: Device = "cpu"
+) -> Iterator[tuple[int, Rows]]:
     """Run the batches in this process: as many at once as take about `TOGETHER`, by the time that the last ones took.
 
     No row depends on what runs beside it.
@@ -300,24 +314,28 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
     while remaining:
         some, remaining = remaining[:count], remaining[count:]
         begun = time.perf_counter()
-        yield from run_batches(campaign, some)
+        yield from run_batches(campaign, some, device)
         taken = max(time.perf_counter() - begun, 1e-6)
         count = max(1, min(2 * count, round(len(some) * TOGETHER / taken), LARGEST_BATCH // campaign.batch))
 
 
-def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
+def in_processes(
+    workers: int, note: Callable[[str], None] = lambda text: None, device: Device = "cpu"
+) -> Executor:
     """An executor of worker processes, which share the threads of this one (`thread_count`). If one is killed, its
-    batches run again, and `note` is called with a message.
+    batches run again, and `note` is called with a message. `device`: Where their runs are made.
 
-    InvalidInput for a number below 1.
+    InvalidInput for a number below 1; FlexhinfError where a GPU is wanted and there is none.
     """
     checked_integer("workers", workers, 1, MOST_WORKERS, "2")
+    if device == "gpu":
+        cuda.card()
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
         remaining, deaths = list(batches), 0
         while remaining:
             try:
-                for batch, rows in _pooled(campaign, remaining, workers):
+                for batch, rows in _pooled(campaign, remaining, workers, device):
                     remaining.remove(batch)
                     deaths = 0
                     yield batch, rows
@@ -334,14 +352,16 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
     return run
 
 
-def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterator[tuple[int, Rows]]:
+def _pooled(
+    campaign: Campaign, batches: Sequence[int], workers: int, device: Device = "cpu"
+) -> Iterator[tuple[int, Rows]]:
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     threads = max(1, thread_count() // workers)
     pool = ProcessPoolExecutor(workers, context, initializer=begin_worker, initargs=(threads,))
     content, pending = pickle.dumps(campaign), dict[Future[Rows], int]()
     try:
         yield from _as_done(
-            lambda batch: pool.submit(remote_batch, content, batch, __version__),
+            lambda batch: pool.submit(remote_batch, content, batch, __version__, device),
             lambda: wait(pending, return_when=FIRST_COMPLETED).done,
             batches,
             lambda: 2 * workers,
@@ -399,6 +419,7 @@ def run_campaign(
     workers: int = 0,
     threads: int | None = None,
     batch: int | None = None,
+    device: Device = "cpu",
     progress: Callable[[Report], None] = lambda report: None,
     **options: Unpack[RunOptions],
 ) -> xr.Dataset:
@@ -426,6 +447,8 @@ def run_campaign(
         Of all processes together; by default as many as the process may use processors. No number depends on them.
     batch : int, optional
         Samples per batch, which is one file of the journal; 256 by default, up to 4,096 of short runs.
+    device : {"cpu", "gpu"}
+        Where runs are made that lanes could make; others are made on the processor. No number depends on it.
     **options
         Of `Loop.run`, for all samples: reference, disturbance, noise, duration, initial_state, initial_input,
         multi_turn.
@@ -441,6 +464,8 @@ def run_campaign(
     ------
     InvalidInput
         Before any work for what does not fit; or for a folder of another campaign.
+    FlexhinfError
+        Where a GPU is wanted and there is none, or the model calls the C library, such as tanh.
 
     Examples
     --------
@@ -458,7 +483,8 @@ def run_campaign(
     if threads is not None:
         checked_integer("threads", threads, 1, MOST_THREADS, "4")
     campaign = Campaign(loop, draw, samples, seed, options, metrics, signals, batch)
-    executor = in_processes(workers) if workers else in_this_process
+    campaign.check_device(device)
+    executor = in_processes(workers, device=device) if workers else on_device(device)
     with limited_threads(threads):
         if folder is None:
             return run_in_memory(campaign, executor, progress)

@@ -507,7 +507,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The command that makes the same report again, as a list of arguments; `without` the parameters of these names,
-    and without --verbose and --threads."""
+    and without --verbose, --threads and --device."""
     parts, options, stated = context.command_path.split(), fields_of(context), stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
@@ -515,7 +515,7 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
         if name == "set":
             pairs = [f"{n}={v}" for n, v in stated.items() if options[n].about.setting and n not in without]
             parts += [word for pair in pairs for word in ("--set", pair)]
-        if value is None or name in (*without, "verbose", "threads"):
+        if value is None or name in (*without, "verbose", "threads", "device"):
             continue
         values: Sequence[Any] = value if isinstance(value, (list, tuple)) else [value]
         if name in options and options[name].is_path and options[name].about.group:

@@ -71,6 +71,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
     with step_progress() as stage:
         command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
         campaign, journal = open_campaign(design, o.out, command, stage)
+    campaign.check_device(o.device)
     try:
         with sample_progress(shard.name) as progress:
             table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
@@ -133,8 +134,8 @@ def _executor(o: options.BatchOptions) -> Executor | None:
         "one of both",
     )
     if o.cluster:
-        return campaigns.in_cluster(o.cluster)
-    return campaigns.in_processes(o.workers, note) if o.workers else None
+        return campaigns.in_cluster(o.cluster, o.device)
+    return campaigns.in_processes(o.workers, note, o.device) if o.workers else campaigns.on_device(o.device)
 
 
 def _searched(
@@ -296,6 +297,8 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     checked = [campaigns.MetricLimit.of(text, known) for text in o.require or pair.a.requirements]
     with step_progress() as stage:
         opened = open_pair(pair, stage)
+    for campaign, _ in opened:
+        campaign.check_device(o.device)
     tables: list[MergedTable] = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:

@@ -86,8 +86,8 @@ USUAL_FIELDS = (
     "peak_effort", "peak_speed", "saturation", "measured", "estimator", "period", "latency", "draws",
 )  # fmt: skip
 SELDOM = (
-    "pose_xyz", "tool", "every_cell", "decay", "threads", "cluster", "shard", "starts", "metric", "batch", "core",
-    "form", "table", "load_at", "noise", "method", "workers", "priority", "library", "gate", "bounds",
+    "pose_xyz", "tool", "every_cell", "decay", "threads", "cluster", "device", "shard", "starts", "metric", "batch",
+    "core", "form", "table", "load_at", "noise", "method", "workers", "priority", "library", "gate", "bounds",
     "process_noise", "torque_noise", "measurement_noise",
 )  # fmt: skip
 SEVERAL = 16
@@ -233,6 +233,9 @@ class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions, ThreadOptio
         "stiffness=15%", "name=x")
     workers: Whole = option(0, RUN, "Worker processes; 0: this process alone, with `--threads`.", "4")
     cluster: Text = option("", RUN, "Address of a Dask scheduler, whose workers run the batches.", unit="tcp://…")
+    device: Annotated[Literal["cpu", "gpu"], CHOICE] = option("cpu", RUN,
+        "Where runs are made: gpu is NVIDIA's, of this machine or of the workers that have one. No number depends on "
+        "it.", "gpu")
     shard: Text = option("", RUN, "Every n-th batch only, for job i of n. Then `merge`.", "1/4", "i/n")
 
 

@@ -191,6 +191,15 @@ class CardMemory:
         return array
 
 
+def is_there() -> bool:
+    """Whether this process has a card that can be used."""
+    try:
+        card()
+    except FlexhinfError:
+        return False
+    return True
+
+
 @cache
 def card() -> Card:
     """The first card of this process. Raises FlexhinfError: as `Driver` and `Card`."""

@@ -1,0 +1,92 @@
+"""Campaigns on a GPU, for which this processor stands: the same files to the last byte; replays are on the CPU."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.campaign.conftest import OPTIONS, made_campaign, made_loop, tolerances
+from tests.card import StandIn, on_stand_in, stand_in  # noqa: F401 - fixtures
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.campaign import Journal, Sample, Shard, drive, driver as campaign_driver, on_device
+from flexhinf.campaign.batches import run_batch
+from flexhinf.codegen import cuda
+from flexhinf.errors import FlexhinfError, InvalidInput
+
+pytest.importorskip("pyarrow")
+
+
+def torn(rng: np.random.Generator) -> dict[str, float]:
+    """Some springs push instead of pulling."""
+    return {"mass": 1.0, "stiffness": float(rng.choice([20.0, -1e7]))}
+
+
+@pytest.mark.ci("compiles an ensemble for lanes, for a GPU and for what stands for it")
+@pytest.mark.parametrize("draw", [tolerances(), torn], ids=["tolerances", "diverging"])
+def test_shards_of_both_devices_make_one_journal_with_the_bytes_of_one(
+    draw,
+    tmp_path,
+    on_stand_in: StandIn,  # noqa: F811
+):
+    """Which device made a shard is no part of it. A replay is made on the processor."""
+    campaign = made_campaign(draw=draw)
+    cpu, mixed = (Journal.opened(tmp_path / name, campaign) for name in ("cpu", "mixed"))
+    drive(campaign, cpu)
+    before = on_stand_in["launches"]
+    assert drive(campaign, mixed, shard=Shard(1, 2), executor=on_device("gpu")) is None
+    assert on_stand_in["launches"] > before
+    drive(campaign, mixed, shard=Shard(2, 2))
+    files = [sorted(path.name for path in (journal.folder / "shards").iterdir()) for journal in (cpu, mixed)]
+    assert files[0] == files[1]  # each with the digest of its bytes
+    table = (cpu.folder / "samples.parquet").read_bytes()
+    assert (mixed.folder / "samples.parquet").read_bytes() == table
+    rows = run_batch(campaign, 0, "gpu")
+    for k in (0, 7):
+        run = campaign.replay(k)
+        fine = rows["status"][k] == "completed"
+        assert (run.diverged_at is None) == fine
+        if fine:
+            assert run.metrics()["peak_input"] == rows["peak_input"][k]
+
+
+@pytest.mark.ci("compiles an ensemble for a GPU")
+def test_run_campaign_on_a_gpu_runs_what_it_cannot_on_the_processor(on_stand_in: StandIn):  # noqa: F811
+    """Samples with a disturbance of their own, beside others."""
+
+    def draw(rng: np.random.Generator) -> Sample:
+        force = float(rng.uniform(-1.0, 1.0))
+        own = {"disturbance": {"push": fh.Step(force)}} if force > 0.5 else {}
+        return Sample({"mass": 1.0 + 0.1 * force}, own, {"force": force})
+
+    loop, given = made_loop(), {"seed": 3, "reference": 0.1, "duration": 0.2}
+    cpu, gpu = (fh.run_campaign(loop, draw, 20, device=device, **given) for device in ("cpu", "gpu"))
+    assert cpu.identical(gpu)
+    assert 0 < (cpu.force > 0.5).sum() < 20
+
+
+def test_what_no_gpu_does_is_refused_before_any_work(monkeypatch):
+    monkeypatch.setattr(cuda, "card", lambda: cuda.Card(cuda.Driver("libnothing.so.7")))
+    loop = made_loop()
+    with refused_with(InvalidInput, "device", "cpu", "gpu", "'tpu'"):
+        fh.run_campaign(loop, tolerances(), 5, device="tpu", **OPTIONS)
+    for more in ({}, {"workers": 2}):
+        with refused_with(FlexhinfError, "driver", "libnothing.so.7", "cpu"):
+            fh.run_campaign(loop, tolerances(), 5, device="gpu", **OPTIONS, **more)
+    with refused_with(InvalidInput, "effort", "cpu"):
+        metrics = {"effort": lambda run: float(run.signals["input"].max())}
+        fh.run_campaign(loop, tolerances(), 5, device="gpu", metrics=metrics, **OPTIONS)
+    with refused_with(InvalidInput, "delay", "cpu"):
+        fh.run_campaign(loop, lambda rng: Sample({"mass": 1.0}, delay=1), 5, device="gpu", **OPTIONS)
+
+
+def test_a_worker_without_a_gpu_uses_its_processor(monkeypatch):
+    """Workers of a cluster have one or not."""
+    used: list[str] = []
+    monkeypatch.setattr(campaign_driver, "_worker_campaign", lambda sent: None)
+    monkeypatch.setattr(campaign_driver, "run_batch", lambda campaign, batch, device: used.append(device))
+    for there in (True, False):
+        monkeypatch.setattr(cuda, "is_there", lambda there=there: there)
+        for device in ("gpu", "cpu"):
+            campaign_driver.remote_batch(b"", 0, fh.__version__, device)
+    assert used == ["gpu", "cpu", "cpu", "cpu"]
