@@ -37,6 +37,7 @@ int cuDeviceGetAttribute(int *value, int which, int device) { *value = which == 
 int cuDeviceGetName(char *name, int size, int device) { strncpy(name, "this processor", size); return 0; }
 int cuDevicePrimaryCtxRetain(void **context, int device) { *context = &cards; return 0; }
 int cuCtxSetCurrent(void *context) { return context == &cards ? 0 : 201; }
+int cuDriverGetVersion(int *version) { *version = 12040; return 0; }
 int cuCtxSynchronize(void) { return failing; }
 int cuMemGetInfo_v2(size_t *left, size_t *total) { *left = *total = unused; return 0; }
 int cuGetErrorString(int code, const char **text) { *text = code == 2 ? "out of memory" : "of the stand-in"; return 0; }

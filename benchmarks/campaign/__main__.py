@@ -23,6 +23,7 @@ from rich.table import Table
 import flexhinf as fh
 from benchmarks.arm import Arm
 from benchmarks.campaign.floating_point import LANES, peak, work_of
+from benchmarks.campaign.on_gpu import on_gpu
 from benchmarks.filterpy_loop import FilterpyLoop
 from benchmarks.measure import Timing, alternate, rounds
 from benchmarks.record import keep
@@ -406,8 +407,15 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=5)
     parser.add_argument("--robots", type=int, default=40_000, help="of a whole campaign, drawn and kept")
     parser.add_argument("--rival", action="store_true", help="only one thread beside numba's best loop")
+    parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="gpu: only what runs on one")
     given = parser.parse_args()
-    if given.rival:
+    name = "rival.json" if given.rival else "campaign.json"
+    if given.device == "gpu":
+        arm, name = PaperArm(min(given.plants, 1024), min(given.steps, 4_000)), "gpu.json"
+        rows = on_gpu(arm.ensemble(1), arm.parameters, GOAL, math.sqrt(R))
+        if not rows:
+            return
+    elif given.rival:
         rows = rival(given.plants, given.steps, given.repetitions)
     else:
         rows = campaigns(given.plants, given.steps, given.repetitions, given.robots)
@@ -419,7 +427,7 @@ def main() -> None:
         met = {True: "yes", False: "NO", None: ""}[row.get("met")]
         table.add_row(row["what"], *rates, row.get("target", ""), met, row["note"])
     Console(width=190).print(table)
-    keep("rival.json" if given.rival else "campaign.json", rows)
+    keep(name, rows)
 
 
 if __name__ == "__main__":

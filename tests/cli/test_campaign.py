@@ -26,6 +26,7 @@ from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.manifest import read_sealed, sealed
 from flexhinf.campaign.parquet import read_columns
 from flexhinf.cli import main
+from flexhinf.codegen import cuda
 from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
 from flexhinf.design.design_file import meant_file, read_request
 from flexhinf.pages.campaign_numbers import in_degrees, limit_text, percent_text, value_text
@@ -351,6 +352,15 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
     assert "variable inductance" not in settings  # it does not act without the extra
 
 
+def test_without_a_gpu_nothing_is_begun(
+    judged: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cuda, "card", lambda: cuda.Card(cuda.Driver("libnothing.so.7")))
+    for more in ([], ["--workers", "2"]):
+        refused([*WORDS, "--device", "gpu", *more], ("driver", "libnothing.so.7", "--device cpu"), judged)
+    assert not (judged / "runs").exists()
+
+
 @pytest.mark.parametrize(
     ("more", "what"),
     [
@@ -373,6 +383,7 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
         (["--duration", "-1"], "duration"),
         (["--out", "design"], ("campaign.json", "'design.toml'")),
         (["--payload", "much"], "payload"),
+        (["--device", "tpu"], ("--device", "'tpu'", "gpu")),
     ],
 )
 def test_mistakes_are_told_before_any_work(

@@ -127,7 +127,7 @@ def test_what_a_driver_refuses_is_said_in_three_parts(on_stand_in: StandIn):  # 
             cuda.Card(driver)
         on_stand_in[name] = before
     card.begin()
-    assert card.name == "this processor"
+    assert (card.name, card.version) == ("this processor", "12.4")
     on_stand_in["refusal"] = 222
     with refused_with(FlexhinfError, "kernel", 222, "line", 7, "newer"):
         card.kernel("", KERNEL)

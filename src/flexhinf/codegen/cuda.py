@@ -115,6 +115,13 @@ class Card:
         self.driver.call("cuDeviceGetName", text, len(text), self._device)
         return text.value.decode(errors="replace")
 
+    @property
+    def version(self) -> str:
+        """The newest CUDA that the driver knows."""
+        number = ctypes.c_int()
+        self.driver.call("cuDriverGetVersion", ctypes.byref(number))
+        return f"{number.value // 1000}.{number.value % 1000 // 10}"
+
     def begin(self) -> None:
         """Make it the card of this thread."""
         if not self._context:
@@ -144,8 +151,8 @@ class Card:
 
     def launch(self, kernel: ctypes.c_void_p, threads: int, arguments: Sequence[int]) -> None:
         """Run a kernel of 64-bit arguments in so many threads, a few more included, and wait for its end."""
-        words = [ctypes.c_uint64(argument) for argument in arguments]
-        pointers = (ctypes.c_void_p * len(words))(*map(ctypes.addressof, words))
+        values = [ctypes.c_uint64(argument) for argument in arguments]
+        pointers = (ctypes.c_void_p * len(values))(*map(ctypes.addressof, values))
         shape = -(-threads // BLOCK), 1, 1, BLOCK, 1, 1
         self.driver.call("cuLaunchKernel", kernel, *shape, 0, None, pointers, None)
         self.driver.call("cuCtxSynchronize")

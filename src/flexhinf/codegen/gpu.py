@@ -118,16 +118,16 @@ class GpuKernel:
             ends = [memory.empty(8 * count) for _ in range(2)]
             table = [*ends, *counts.values()]
             for buffer in self.program.buffers:
-                name, words = buffer.name, [0] * 6
+                name, entry = buffer.name, [0] * 6
                 if buffer.shared:
-                    words[0] = memory.put(arrays.shared[name])
+                    entry[0] = memory.put(arrays.shared[name])
                 elif (column := arrays.own.get(name)) is not None:
-                    words[:4] = memory.put(column.T), column.shape[1], count, 1
+                    entry[:4] = memory.put(column.T), column.shape[1], count, 1
                 elif (start := arrays.start.get(name)) is not None:
-                    words[:4] = memory.put(start), len(start), 1, 0
+                    entry[:4] = memory.put(start), len(start), 1, 0
                 if buffer in self._long:
-                    words[4:] = memory.empty(8 * count * arrays.sizes[name]), arrays.sizes[name]
-                table += words
+                    entry[4:] = memory.empty(8 * count * arrays.sizes[name]), arrays.sizes[name]
+                table += entry
             found = dict[str, int]()
             for name in self.returned:
                 chosen = np.asarray(places[name], dtype=np.int64)

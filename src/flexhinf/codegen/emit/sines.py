@@ -132,7 +132,7 @@ def _far(caller: Writer, name: str, value: str) -> str:
     full, module = f"{PREFIX}{name}_far", caller.module
     if full not in module.definitions:
         writer = Writer(module, Lanes(1))
-        quadrant, remainder, rest = _reduced(writer, "%x")
+        quadrant, remainder, residue = _reduced(writer, "%x")
         square = writer.real("fmul", remainder, remainder)
 
         def series(coefficients: tuple[float, ...]) -> str:
@@ -144,11 +144,11 @@ def _far(caller: Writer, name: str, value: str) -> str:
         half = writer.real("fmul", square, 0.5)
         parabola = writer.real("fsub", 1.0, half)
         cubed = writer.real("fmul", square, remainder)
-        tail = writer.multiply_add(series(SINE), cubed, writer.real("fmul", rest, parabola))
+        tail = writer.multiply_add(series(SINE), cubed, writer.real("fmul", residue, parabola))
         sin = writer.real("fadd", remainder, tail)
         # What is lost in 1 - r²/2, which is the larger one, is exact.
         lost = writer.real("fsub", writer.real("fsub", 1.0, parabola), half)
-        lost = writer.real("fsub", lost, writer.real("fmul", rest, remainder))
+        lost = writer.real("fsub", lost, writer.real("fmul", residue, remainder))
         fourth = writer.real("fmul", square, square)
         cos = writer.real("fadd", parabola, writer.multiply_add(series(COSINE), fourth, lost))
         odd = writer.compare_whole("ne", writer.whole("and", quadrant, 1), writer.lanes.whole(0))
@@ -162,10 +162,10 @@ def _far(caller: Writer, name: str, value: str) -> str:
 def _reduced(writer: Writer, x: str) -> tuple[str, str, str]:
     """The quadrant k mod 4, and r in two parts, of one |x| beyond the reach."""
     table, whole = f"{PREFIX}two_over_pi", writer.whole
-    words = ", ".join(
+    numbers = ", ".join(
         f"i64 {int('0' * 16 + TWO_OVER_PI, 16) >> 64 * k & 2**64 - 1}" for k in reversed(range(20))
     )
-    writer.module.declarations[table] = f"@{table} = internal constant [20 x i64] [{words}]"
+    writer.module.declarations[table] = f"@{table} = internal constant [20 x i64] [{numbers}]"
 
     def wide(operation: str, left: str, right: str | int) -> str:
         return writer.let(f"{operation} i128 {left}, {right}")
@@ -204,5 +204,5 @@ def _reduced(writer: Writer, x: str) -> tuple[str, str, str]:
     scale = whole("shl", whole("sub", 1023 - 52, writer.let(f"trunc i128 {zeros} to i64")), 52)
     scale = writer.float(whole("or", scale, sign))
     digits = writer.real("fmul", writer.to_float(whole("lshr", remainder, 11)), scale)
-    rest = writer.real("fmul", writer.to_float(whole("and", remainder, 2**11 - 1)), scale)
-    return quadrant, digits, writer.real("fmul", rest, 2.0**-11)
+    residue = writer.real("fmul", writer.to_float(whole("and", remainder, 2**11 - 1)), scale)
+    return quadrant, digits, writer.real("fmul", residue, 2.0**-11)

@@ -1,0 +1,77 @@
+"""The paper's arm on a GPU: rates of more and more plants, bits beside those of lanes, and a whole campaign on disk."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import flexhinf as fh
+from benchmarks.measure import timed
+from flexhinf.codegen import cuda
+from flexhinf.errors import FlexhinfError
+
+#: Plants at once; and robots and samples of the campaign.
+PLANTS, ROBOTS, SAMPLES = (1 << 15, 1 << 17, 1 << 19), 1_000_000, 4_000
+
+#: Plants whose numbers are compared with those of lanes.
+COMPARED = 1024
+
+
+def on_gpu(ensemble: Any, parameters: np.ndarray, goal: float, noise: float) -> list[dict[str, Any]]:
+    """Rows of the table; none without a card, and why.
+
+    `ensemble`: Of the paper's arm. `parameters`: (N, P), of plants that are repeated. `goal`, `noise`: Its command, and
+    the deviation of its noise.
+    """
+    try:
+        card = cuda.card()
+    except FlexhinfError as error:
+        print(f"not measured: {error.what} {error.found}")
+        return []
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+    )
+    where = f"{card.name}, driver of CUDA {card.version}, commit {commit.stdout.strip() or 'unknown'}"
+    rows, steps = [same_bits(ensemble, parameters, where)], ensemble.command.samples
+    for plants in PLANTS:
+        several, seeds = np.resize(parameters, (plants, parameters.shape[1])), np.arange(plants)
+        t = timed(
+            lambda some=several, seeds=seeds: ensemble.run(some, seeds, device="gpu"), plants * steps, 3
+        )
+        rows.append(
+            {"what": f"ensemble of {plants:,} plants x {steps:,} steps", "rate": 1.0 / t.median, "best": 1.0 / t.best,
+             "note": where}
+        )  # fmt: skip
+    loop = fh.Loop(ensemble.plant, ensemble.controller, 1)
+    period, begun = ensemble.command.period, time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        fh.run_campaign(
+            loop, fh.paper_arm().draw, ROBOTS, reference=fh.Step(goal), noise=noise, device="gpu",
+            duration=(SAMPLES - 1) * period, folder=Path(folder) / "journal",
+        )  # fmt: skip
+    seconds = time.perf_counter() - begun
+    rows.append(
+        {"what": f"run_campaign of {ROBOTS:,} robots x {SAMPLES * period:g} s, with a journal", "target": "<= 30 s",
+         "rate": ROBOTS * SAMPLES / seconds, "met": seconds <= 30.0, "note": f"{seconds:.0f} s; {where}"}
+    )  # fmt: skip
+    return rows
+
+
+def same_bits(ensemble: Any, parameters: np.ndarray, where: str) -> dict[str, Any]:
+    """Whether every number of some plants is the same, some of them with far angles and some that diverge."""
+    several, seeds = np.resize(parameters, (COMPARED, parameters.shape[1])), np.arange(COMPARED)
+    states = np.tile(ensemble.start["x"], (COMPARED, 1))
+    states[::100, 0] = 1e10 * math.pi
+    states[50::100, 1] = 1e300
+    cpu, gpu = (ensemble.run(several, seeds, states, device=device) for device in ("cpu", "gpu"))
+    numbers = [(column, gpu.metrics()[name]) for name, column in cpu.metrics().items()]
+    numbers += [(cpu.codes, gpu.codes), (cpu.diverged_at, gpu.diverged_at), (cpu.kept, gpu.kept)]
+    equal = all(np.array_equal(one, other, equal_nan=True) for one, other in numbers)
+    note = f"{COMPARED} plants, {int((cpu.codes != 0).sum())} of which diverge; {where}"
+    return {"what": "bits of lanes", "rate": None, "target": "equal", "met": equal, "note": note}
