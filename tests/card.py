@@ -1,7 +1,6 @@
 """A driver of a GPU that runs on this processor: the functions of NVIDIA's that are used, and a card of theirs.
 
-Its memory is this process's. A kernel is loaded by the hash of its PTX: the same text of one lane, compiled for this
-processor, is called for each thread, those of the last block without a plant left out.
+Its memory is this process's. A kernel is the PTX that it is given, as C, which is called for each thread of each block.
 """
 
 from __future__ import annotations
@@ -10,21 +9,21 @@ import ctypes
 import hashlib
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.ptx import in_c
 
-from flexhinf.codegen import Program, compiler, cuda, gpu, machine
-from flexhinf.codegen.threads import KERNEL, PLANT, emit_threads
+from flexhinf.codegen import cuda
+from flexhinf.codegen.threads import KERNEL
 
 SOURCE = r"""
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-typedef void (*plant_type)(void *table, int64_t plant, int64_t plants);
-typedef plant_type (*loader_type)(const char *ptx);
+typedef void (*kernel_type)(uint64_t table, uint64_t plants, unsigned block, unsigned threads, unsigned thread);
+typedef kernel_type (*loader_type)(const char *ptx);
 typedef uint64_t address;
 loader_type loader;
 int cards = 1, major = 9, refusal = 0, failing = 0, arrays = 0, launches = 0;
@@ -62,15 +61,22 @@ int cuModuleLoadDataEx(void **module, const char *ptx, unsigned n, int *options,
 int cuModuleGetFunction(void **kernel, void *module, const char *name) { *kernel = module; return 0; }
 int cuLaunchKernel(void *kernel, unsigned gx, unsigned gy, unsigned gz, unsigned bx, unsigned by, unsigned bz,
                    unsigned shared, void *stream, void **values, void **extra) {
-    void *table = *(void **)values[0];
-    int64_t plants = *(int64_t *)values[1];
     launches++;
-    for (int64_t k = 0; k < (int64_t)gx * bx; ++k) {
-        if (k < plants) { ((plant_type)kernel)(table, k, plants); }
+    for (unsigned block = 0; block < gx; ++block) {
+        for (unsigned thread = 0; thread < bx; ++thread) {
+            ((kernel_type)kernel)(*(uint64_t *)values[0], *(uint64_t *)values[1], block, bx, thread);
+        }
     }
     return 0;
 }
 """
+
+_LOADER = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)
+
+
+#: Of no rounding that is not written.
+FLAGS = ("-O1", "-ffp-contract=off", "-shared", "-fPIC")
+
 
 _LOADER = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)
 
@@ -82,13 +88,10 @@ class StandIn:
         found = shutil.which("gcc") or shutil.which("cc")
         if found is None:
             pytest.skip("missing: a C compiler")
-        source = folder / "driver.c"
-        source.write_text(SOURCE, encoding="utf-8")
-        self.path = source.with_suffix(".so")
-        subprocess.run([found, "-O1", "-shared", "-fPIC", str(source), "-o", str(self.path)], check=True)
+        self._compiler, self._folder = found, folder
+        self.path = self._compiled("driver", SOURCE)
         self.library = ctypes.CDLL(str(self.path))
-        self._made = dict[str, Callable[[], machine.Code]]()
-        self._codes = dict[str, machine.Code]()
+        self._kernels = dict[str, ctypes.CDLL]()
         self._loader = _LOADER(self._load)
         ctypes.c_void_p.in_dll(self.library, "loader").value = ctypes.cast(
             self._loader, ctypes.c_void_p
@@ -100,28 +103,18 @@ class StandIn:
     def __setitem__(self, name: str, value: int) -> None:
         ctypes.c_int.in_dll(self.library, name).value = value
 
-    def compile_ptx(self, program: Program, returned: tuple[str, ...], fused: bool | None = None) -> str:
-        """As the one of the compiler; knows afterwards which program the PTX is of."""
-        ptx = compiler.compile_ptx(program, returned, fused)
-        once = machine.host().fused if fused is None else fused
-
-        def made() -> machine.Code:
-            module = emit_threads(program, returned, once, kernel=False)
-            return machine.Code(machine.assemble(str(module), 1), PLANT, module.library)
-
-        assert f".entry {KERNEL}" in ptx
-        self._made[_digest(ptx.encode())] = made
-        return ptx
+    def _compiled(self, name: str, text: str) -> Path:
+        source = self._folder / f"{name}.c"
+        source.write_text(text, encoding="utf-8")
+        command = [self._compiler, *FLAGS, str(source), "-lm", "-o", str(source.with_suffix(".so"))]
+        subprocess.run(command, check=True)
+        return source.with_suffix(".so")
 
     def _load(self, ptx: bytes) -> int | None:
-        key = _digest(ptx)
-        if key not in self._codes and key in self._made:
-            self._codes[key] = self._made[key]()
-        return self._codes[key].address if key in self._codes else None
-
-
-def _digest(ptx: bytes) -> str:
-    return hashlib.sha256(ptx).hexdigest()
+        key = hashlib.sha256(ptx).hexdigest()
+        if key not in self._kernels:
+            self._kernels[key] = ctypes.CDLL(str(self._compiled(key, in_c(ptx.decode()))))
+        return ctypes.cast(getattr(self._kernels[key], KERNEL), ctypes.c_void_p).value
 
 
 @pytest.fixture(scope="session")
@@ -131,11 +124,10 @@ def stand_in(tmp_path_factory: pytest.TempPathFactory) -> StandIn:
 
 
 @pytest.fixture
-def on_stand_in(stand_in: StandIn, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Kernels of a GPU run by it; at the end nothing is left in its memory."""
+def on_stand_in(stand_in: StandIn, monkeypatch: pytest.MonkeyPatch) -> Iterator[StandIn]:
+    """The card of this process is one of that driver; at the end nothing is left in its memory."""
     card = cuda.Card(cuda.Driver(str(stand_in.path)))
     monkeypatch.setattr(cuda, "card", lambda: card)
-    monkeypatch.setattr(gpu, "compile_ptx", stand_in.compile_ptx)
     before = {name: stand_in[name] for name in ("cards", "major", "refusal", "failing", "arrays")}
     yield stand_in
     left = stand_in["arrays"]

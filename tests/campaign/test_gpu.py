@@ -1,4 +1,4 @@
-"""Campaigns on a GPU, for which this processor stands: the same files to the last byte; replays are on the CPU."""
+"""Campaigns on a GPU, whose PTX this processor runs: the same files to the last byte; replays are on the CPU."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def torn(rng: np.random.Generator) -> dict[str, float]:
     return {"mass": 1.0, "stiffness": float(rng.choice([20.0, -1e7]))}
 
 
-@pytest.mark.ci("compiles an ensemble for lanes, for a GPU and for what stands for it")
+@pytest.mark.ci("compiles an ensemble for lanes, and as PTX, which becomes C")
 @pytest.mark.parametrize("draw", [tolerances(), torn], ids=["tolerances", "diverging"])
 def test_shards_of_both_devices_make_one_journal_with_the_bytes_of_one(
     draw,

@@ -14,7 +14,7 @@ one per count                   number of turns
 ==============================  ====================================================================================
 
 What all plants read stays where it is. Buffers of a size are the thread's own memory. One without, such as a record of
-signals, would be too long for that. The same text is compiled for this processor where it is compared with lanes.
+signals, would be too long for that.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ done:
 """
 
 
-def emit_threads(program: Program, returned: Sequence[str], fused: bool, kernel: bool = True) -> ModuleText:
-    """Write ``void plant(table, k, N)`` of a program; with `kernel`, the one of a GPU that calls it.
+def emit_threads(program: Program, returned: Sequence[str], fused: bool) -> ModuleText:
+    """Write the kernel of a program, which calls a function of one plant, ``void plant(table, k, N)``.
 
     `returned`: Names of buffers of which some elements are returned. `fused`: As for `emit_module`. Raises Unsupported:
     as that.
@@ -111,10 +111,7 @@ def emit_threads(program: Program, returned: Sequence[str], fused: bool, kernel:
             place = writer.whole("add", writer.whole("mul", row, "%plants"), "%plant")
             writer.write("double", number, writer.at("double", target, place))
     writer.do("ret void")
-    head = (
-        f"define {'internal ' * kernel}void @{PLANT}(ptr %table, i64 %plant, i64 %plants) nounwind {{\nentry:"
-    )
+    head = f"define internal void @{PLANT}(ptr %table, i64 %plant, i64 %plants) nounwind {{\nentry:"
     module.define(PLANT, head, [*writer.first, *writer.lines])
-    if kernel:
-        module.definitions[KERNEL] = _KERNEL
+    module.definitions[KERNEL] = _KERNEL
     return module

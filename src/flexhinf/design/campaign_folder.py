@@ -27,7 +27,7 @@ from flexhinf.campaign import (
     Journal,
     PairedCampaigns,
     in_processes,
-    in_this_process,
+    on_device,
     run_in_memory,
 )
 from flexhinf.campaign.journal import check_own_folder
@@ -53,6 +53,8 @@ from flexhinf.validation import NotReadable, checked_path, unknown_name
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from flexhinf.codegen.gpu import Device
 
 #: Folders of the two campaigns, inside the folder of their comparison.
 FOLDERS = ("a", "b")
@@ -204,7 +206,9 @@ def designed_controller(
     return replace(request.law_of(loop), verdict=verdict)
 
 
-def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
+def campaign_in_memory(
+    design: Design, samples: int, workers: int = 0, device: Device = "cpu", **options: Any
+) -> xr.Dataset:
     """The runs of a campaign of a design, as `flexhinf.run_campaign` returns them; options as of `CampaignOptions`.
 
     Raises `InvalidInput` before any work for what does not fit.
@@ -218,7 +222,8 @@ def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options
     )
     designed = request.law_of(design.loop)
     run = request.campaign(replace(designed, length=request.options.duration or designed.length))
-    return run_in_memory(run, in_processes(workers) if workers else in_this_process)
+    run.check_device(device)
+    return run_in_memory(run, in_processes(workers, device=device) if workers else on_device(device))
 
 
 def reopened(request: DesignCampaign[Any], journal: Journal) -> Campaign:

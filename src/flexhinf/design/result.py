@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure as MatplotlibFigure
 
+    from flexhinf.codegen.gpu import Device
+
 
 class CampaignKeywords(TypedDict, total=False):
     """Options of a campaign in memory by name, those that are stated; see `flexhinf.options.CampaignOptions`."""
@@ -184,11 +186,14 @@ class Design(Judged, Reported):
         """What is proved: a region with its gain, or errors of the model that small motions tolerate."""
         return self.loop.certificate()
 
-    def campaign(self, samples: int, workers: int = 0, **options: Unpack[CampaignKeywords]) -> xr.Dataset:
+    def campaign(
+        self, samples: int, workers: int = 0, device: Device = "cpu", **options: Unpack[CampaignKeywords]
+    ) -> xr.Dataset:
         """Runs of many robots within their tolerances, in memory: the step or move of one pose, a move of each robot's
-        own for a workspace. ``options``: of `flexhinf campaign run`. Returns what `flexhinf.run_campaign` does."""
+        own for a workspace. ``options``: of `flexhinf campaign run`. Others, and what is returned, are as of
+        `flexhinf.run_campaign`."""
         return import_module("flexhinf.design.campaign_folder").campaign_in_memory(
-            self, samples, workers, **options
+            self, samples, workers, device, **options
         )
 
     def compare(self, laws: Sequence[str] | None = None, **options: Unpack[ComparisonKeywords]) -> Reported:

@@ -1,4 +1,4 @@
-"""Runs by the threads of a GPU, for which this processor stands: the bits of runs in lanes."""
+"""Runs by the threads of a GPU, whose PTX this processor runs: the bits of runs in lanes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def assert_same_bits(ensemble, *arguments, **options):
     return cpu
 
 
-@pytest.mark.ci("compiles an ensemble for lanes, for a GPU and for what stands for it")
+@pytest.mark.ci("compiles an ensemble for lanes, and as PTX, which becomes C")
 def test_noise_missing_samples_far_angles_and_divergence_have_the_same_bits(on_stand_in, monkeypatch):  # noqa: F811
     """Seven plants at a time, too, which is all that fits."""
     names = ("state.angle", "output.encoder", "estimate.speed", "input.torque")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,7 +47,7 @@ from flexhinf.loop.simulation.program import (
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
 from flexhinf.processors import thread_count
-from flexhinf.validation import checked_array, real_array, value_text
+from flexhinf.validation import checked_array, one_of, real_array, value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -161,6 +161,7 @@ class Ensemble:
         FlexhinfError
             Without a GPU, where there should be one, and for a model that calls the C library, such as tanh.
         """
+        one_of("There is no such device.", device, get_args(Device))
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         threads = thread_count() if threads is None else threads
         few = lanes is None and self._few(plants)
