@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.campaign.conftest import OPTIONS, made_campaign, made_loop, tolerances
+from tests.campaign.conftest import OPTIONS, made_campaign, made_loop, output, tolerances
 from tests.card import StandIn, on_stand_in, stand_in  # noqa: F401 - fixtures
 from tests.refusals import refused_with
 
@@ -12,6 +12,7 @@ import flexhinf as fh
 from flexhinf.campaign import Journal, Sample, Shard, drive, driver as campaign_driver, on_device
 from flexhinf.campaign.batches import run_batch
 from flexhinf.codegen import cuda
+from flexhinf.codegen.program import Unsupported
 from flexhinf.errors import FlexhinfError, InvalidInput
 
 pytest.importorskip("pyarrow")
@@ -63,6 +64,25 @@ def test_run_campaign_on_a_gpu_runs_what_it_cannot_on_the_processor(on_stand_in:
     cpu, gpu = (fh.run_campaign(loop, draw, 20, device=device, **given) for device in ("cpu", "gpu"))
     assert cpu.identical(gpu)
     assert 0 < (cpu.force > 0.5).sum() < 20
+
+
+@pytest.mark.ci("compiles an ensemble for a GPU")
+def test_a_card_that_fails_is_no_fault_of_a_sample(on_stand_in: StandIn):  # noqa: F811
+    """Nothing is left in its memory, as the fixture says, and the next campaign runs."""
+    loop, given = made_loop(), {"device": "gpu", **OPTIONS}
+    for name, code, words in (("failing", 700, ("700", "cpu")), ("failing", 2, ("memory", "batch", "cpu"))):
+        on_stand_in[name] = code
+        with refused_with(cuda.CardError, *words):
+            fh.run_campaign(loop, tolerances(), 20, **given)
+    on_stand_in["failing"] = 0
+    assert fh.run_campaign(loop, tolerances(), 20, **given).sizes["sample"] == 20
+
+    def flow(x, u, d, p):
+        return np.array([x[1], (u[0] - p.stiffness * np.tanh(x[0])) / p.mass])
+
+    soft = fh.Plant(flow, output, ("position", "velocity"), ("force",), (), {"mass": 1.0, "stiffness": 20.0})
+    with refused_with(Unsupported, "tanh", "cpu"):
+        fh.run_campaign(fh.Loop(soft, loop.controller, 1), tolerances(), 20, **given)
 
 
 def test_what_no_gpu_does_is_refused_before_any_work(monkeypatch):

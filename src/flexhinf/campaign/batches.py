@@ -38,6 +38,7 @@ from flexhinf.campaign.metrics import (
 from flexhinf.campaign.samples import Sample, SampleColumns, taken
 from flexhinf.codegen import cuda
 from flexhinf.codegen.gpu import Device
+from flexhinf.codegen.program import Unsupported
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
 from flexhinf.loop.simulation.inputs import (
@@ -469,6 +470,8 @@ def rows_of(
         runs = campaign.trajectories([indices[k] for k in alone], taken(samples, alone))
         for place in alone:
             _fill_run(campaign, columns, place, next(runs))
+    except (cuda.CardError, Unsupported):  # it is not the samples that are refused
+        raise
     except FlexhinfError as error:
         raise InvalidInput(
             f"Sample {indices[place]} of the campaign, or one up to {indices[-1]}, is refused.",

@@ -37,10 +37,14 @@ _LOG = 8192
 BLOCK: Final = 128
 
 
-class Driver:
-    """The driver's library; its functions raise FlexhinfError. `path`: Of the library, or its name.
+class CardError(FlexhinfError):
+    """There is no GPU that can be used, or its driver refuses: nothing is wrong with what was to be run."""
 
-    Raises FlexhinfError: There is none, or it lacks a function.
+
+class Driver:
+    """The driver's library; its functions raise CardError. `path`: Of the library, or its name.
+
+    Raises CardError: There is none, or it lacks a function.
     """
 
     def __init__(self, path: str = LIBRARY) -> None:
@@ -48,7 +52,7 @@ class Driver:
         try:
             self._library = ctypes.CDLL(path)
         except OSError as reason:
-            raise FlexhinfError(
+            raise CardError(
                 "There is no driver of a GPU.", f"expected NVIDIA's, got {path}: {reason}", ON_CPU
             ) from reason
 
@@ -62,29 +66,29 @@ class Driver:
         try:
             return getattr(self._library, name)
         except AttributeError as reason:
-            raise FlexhinfError(
+            raise CardError(
                 "The driver of the GPU is too old.", f"expected a function {name} in {self._path}", ON_CPU
             ) from reason
 
-    def _error(self, name: str, code: int) -> FlexhinfError:
+    def _error(self, name: str, code: int) -> CardError:
         said = ctypes.c_char_p()
         self._function("cuGetErrorString")(code, ctypes.byref(said))
         found = f"{name}: {(said.value or b'an unknown error').decode(errors='replace')} ({code})"
         if code == _FULL:
-            return FlexhinfError("The memory of the GPU is full.", found, f"a smaller batch, or {ON_CPU}")
+            return CardError("The memory of the GPU is full.", found, f"a smaller batch, or {ON_CPU}")
         if code == _NO_CARD:
-            return FlexhinfError("There is no GPU.", f"expected one of NVIDIA's, got {found}", ON_CPU)
+            return CardError("There is no GPU.", f"expected one of NVIDIA's, got {found}", ON_CPU)
         if code in _UNREADABLE:
-            return FlexhinfError(
+            return CardError(
                 "The driver of the GPU cannot read the kernel.", found, f"a newer driver, or {ON_CPU}"
             )
-        return FlexhinfError("The GPU does not run the campaign.", found, ON_CPU)
+        return CardError("The GPU does not run the campaign.", found, ON_CPU)
 
 
 class Card:
     """The first card of a driver, for one thread at a time: take `lock`, and call `begin` in each thread.
 
-    Raises FlexhinfError: There is none, or it is too old.
+    Raises CardError: There is none, or it is too old.
     """
 
     def __init__(self, driver: Driver) -> None:
@@ -93,11 +97,11 @@ class Card:
         driver.call("cuInit", 0)
         driver.call("cuDeviceGetCount", ctypes.byref(number))
         if number.value == 0:
-            raise FlexhinfError("There is no GPU.", "expected one that CUDA_VISIBLE_DEVICES shows", ON_CPU)
+            raise CardError("There is no GPU.", "expected one that CUDA_VISIBLE_DEVICES shows", ON_CPU)
         driver.call("cuDeviceGet", ctypes.byref(self._device), 0)
         version = self._attribute(_MAJOR), self._attribute(_MINOR)
         if version < OLDEST:
-            raise FlexhinfError(
+            raise CardError(
                 "The GPU is too old.",
                 f"expected compute capability {OLDEST[0]}.{OLDEST[1]}, got {version[0]}.{version[1]}",
                 ON_CPU,
@@ -143,9 +147,9 @@ class Card:
         content = ptx.encode() + b"\0"
         try:
             self.driver.call("cuModuleLoadDataEx", ctypes.byref(module), content, 2, options, values)
-        except FlexhinfError as error:
+        except CardError as error:
             said = " ".join(log.value.decode(errors="replace").split())
-            raise FlexhinfError(error.what, f"{error.found} {said}".strip(), error.advice) from error
+            raise CardError(error.what, f"{error.found} {said}".strip(), error.advice) from error
         self.driver.call("cuModuleGetFunction", ctypes.byref(kernel), module, name.encode())
         return kernel
 
@@ -171,7 +175,7 @@ class CardMemory:
         for address in self._addresses:
             try:
                 self._driver.call("cuMemFree_v2", ctypes.c_uint64(address))
-            except FlexhinfError:
+            except CardError:
                 if failure == (None, None, None):  # else what failed is told
                     raise
 
@@ -202,12 +206,12 @@ def is_there() -> bool:
     """Whether this process has a card that can be used."""
     try:
         card()
-    except FlexhinfError:
+    except CardError:
         return False
     return True
 
 
 @cache
 def card() -> Card:
-    """The first card of this process. Raises FlexhinfError: as `Driver` and `Card`."""
+    """The first card of this process. Raises CardError: as `Driver` and `Card`."""
     return Card(Driver())

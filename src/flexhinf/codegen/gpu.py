@@ -73,7 +73,7 @@ class GpuKernel:
         """Make N runs, as many at once as the memory has room for.
 
         `count`: N. `places`: Of the elements that are returned, by buffer. Raises InvalidInput: counts that do not fit
-        the program; FlexhinfError: The card or its driver refuses.
+        the program; `CardError`: There is none, or its driver refuses.
         """
         counts, card = check_counts(self.program, arrays.counts), cuda.card()
         lengths = {name: array.size for name, array in arrays.shared.items()} | dict(arrays.sizes)
