@@ -16,11 +16,11 @@ from tests.codegen.test_same_bits import draws, of_steps
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.codegen import Program, compile_program, cuda
+from flexhinf.codegen import Buffer, Copy, Program, Slice, compile_program, cuda
 from flexhinf.codegen.compiler import compile_ptx
 from flexhinf.codegen.gpu import GpuKernel, PlantArrays
 from flexhinf.codegen.threads import KERNEL
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 
 PLANTS = 5
 
@@ -48,6 +48,16 @@ def test_every_kind_of_step_has_the_bits_of_lanes():
         for key, found in ended.returned.items():
             wanted = lanes[key]
             assert same(found[~np.isnan(wanted)], wanted[~np.isnan(wanted)]).all(), (name, key)
+
+
+def test_numbers_that_leave_a_buffer_are_refused_before_a_card_is_looked_for():
+    """A thread would write them over its other memory."""
+    program = Program("keep", (Buffer("x", 2, "state"),), (Copy(Slice("x"), Slice("x", 1)),))
+    kernel = GpuKernel(program, ("x",))
+    for width, place, found in ((3, 0, 3), (2, 5, 6)):
+        arrays = PlantArrays({}, {"x": np.zeros((4, width))}, {}, {}, {"x": 2})
+        with refused_with(InvalidInput, "x", "keep", 2, found):
+            kernel.run(arrays, 4, {"x": np.array([place])})
 
 
 def ensemble_program(loop: fh.Loop, **options: object) -> Program:

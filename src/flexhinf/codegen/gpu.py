@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.codegen import cuda
 from flexhinf.codegen.compiler import check_counts, check_reach, compile_ptx
-from flexhinf.codegen.memory import Buffer
+from flexhinf.codegen.memory import Buffer, misfit
 from flexhinf.codegen.program import Program
 
 if TYPE_CHECKING:
@@ -72,13 +72,20 @@ class GpuKernel:
     def run(self, arrays: PlantArrays, count: int, places: Mapping[str, np.ndarray]) -> Ended:
         """Make N runs, as many at once as the memory has room for.
 
-        `count`: N. `places`: Of the elements that are returned, by buffer. Raises InvalidInput: counts that do not fit
-        the program; `CardError`: There is none, or its driver refuses.
+        `count`: N. `places`: Of the elements that are returned, by buffer. Raises InvalidInput: counts or sizes that do
+        not fit the program; `CardError`: There is none, or its driver refuses.
         """
-        counts, card = check_counts(self.program, arrays.counts), cuda.card()
+        counts = check_counts(self.program, arrays.counts)
         lengths = {name: array.size for name, array in arrays.shared.items()} | dict(arrays.sizes)
         lengths |= {buffer.name: buffer.size for buffer in self.program.buffers if buffer.size is not None}
         check_reach(self.program, lengths, counts)
+        begun = {name: column.shape[-1] for name, column in {**arrays.start, **arrays.own}.items()}
+        ends = {name: int(np.max(chosen)) + 1 for name, chosen in places.items()}
+        for name, size in (*begun.items(), *ends.items()):
+            if size > lengths.get(name, size):
+                what = f"Numbers of '{name}' of '{self.program.name}' leave their buffer."
+                raise misfit(what, f"at most {lengths[name]} of each plant", size)
+        card = cuda.card()
         with card.lock:
             card.begin()
             kernel = self._loaded
