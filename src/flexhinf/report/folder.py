@@ -20,6 +20,7 @@ from typing import cast
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
+from flexhinf.processors import in_threads
 from flexhinf.report.blocks import to_json
 from flexhinf.validation import checked_path, file_digest, read_bytes
 
@@ -29,6 +30,9 @@ _WHAT = "flexhinf report"
 
 #: Seconds for which a run waits while another one publishes in the same place, which takes less than one.
 _PATIENCE = 60.0
+
+#: Threads that compute digests and write files at most.
+_THREADS = 4
 
 #: Characters of a file's path, as systems allow; its folders, one within another, are listed each with its whole path.
 _LONGEST = 4000
@@ -161,12 +165,14 @@ def write(
             "figure_03.svg",
         )
         contents[name] = content.encode("utf-8") if isinstance(content, str) else content
+    names = sorted(contents)
+    digests = in_threads(lambda name: hashlib.sha256(contents[name]).hexdigest(), names, _THREADS)
     marker = {
         "what": _WHAT,
         "version": 2,
         "date": _today(),
         "note": "A new report replaces this folder whole, unless one of these files (SHA-256) was changed.",
-        "files": {str(PurePosixPath(n)): hashlib.sha256(contents[n]).hexdigest() for n in sorted(contents)},
+        "files": {str(PurePosixPath(name)): digest for name, digest in zip(names, digests)},
         **({"sources": dict(origins)} if origins else {}),
     }
     contents[MARKER] = to_json(marker).encode("utf-8")
@@ -195,10 +201,11 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
     fresh = _beside(target, "new")
     try:
         fresh.mkdir()
-        for name, content in contents.items():
+        for name in contents:
             for folder in reversed(PurePosixPath(name).parents[:-1]):
                 (fresh / folder).mkdir(exist_ok=True)  # never `fresh`: who deleted it would delete again
-            (fresh / name).write_bytes(content)
+        for _ in in_threads(lambda name: (fresh / name).write_bytes(contents[name]), contents, _THREADS):
+            pass
         sizes = {
             str(path.relative_to(fresh).as_posix()): path.stat().st_size
             for path in [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
