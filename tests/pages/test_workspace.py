@@ -20,6 +20,7 @@ from flexhinf.design import Specification, design_workspace
 from flexhinf.design.advice import Advice, Change, Trial
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import motion_metrics
+from flexhinf.design.result import judged_by
 from flexhinf.design.verdict import UNKNOWN
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import UNHELD, holding_requirement
@@ -40,6 +41,7 @@ from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.modal.popov import Errors, Sector
 from flexhinf.modal.unstable import UnstableError
 from flexhinf.pages import workspace as page, workspace_summary as summary
+from flexhinf.pages.files import EarlyParts, design_files
 from flexhinf.pages.page import files_section
 from flexhinf.pages.workspace_proof import (
     masses_text,
@@ -181,6 +183,15 @@ def test_the_law_can_be_made_again_from_the_page(made, design):
 def test_files_stand_in_the_order_of_their_numbers():
     text = files_section([f"runs/move-{k}.nc" for k in (10, 1, 2)]).html()
     assert "runs/move-1.nc</code> to <code>move-10.nc" in text
+
+
+def test_what_was_drawn_and_saved_before_makes_the_same_report(design):
+    early, whole = EarlyParts(), judged_by(design)
+    files = design_files(whole, (), early=early)
+    with early.meanwhile(design):
+        assert not early.runs
+    assert design_files(whole, (), early=early) == files
+    assert len(early.runs) == len(design.moves)
 
 
 def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolerated):

@@ -71,7 +71,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     (the report is written, and says so); 2 for a mistake, or for a
     specification that cannot be met (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import WorkspaceEvidence, stages
+    from flexhinf.design import WorkspaceEvidence, design_with, stages
     from flexhinf.design.design_file import robot_digests
     from flexhinf.robot.saved_file import robot_text
 
@@ -81,10 +81,10 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
     ending = [("report", 2.5)]
-    begun, command = cpu_seconds(), reproduce_command(context)
+    begun, command, early = cpu_seconds(), reproduce_command(context), pages.EarlyParts()
 
     def written(result: fh.Design, advice: Advice | None = None) -> None:
-        files = pages.design_files(result, command, request.warnings, ("design.toml",), advice)
+        files = pages.design_files(result, command, request.warnings, ("design.toml",), advice, early)
         files["design.toml"] = pages.design_text(result, request, folder)
         if advice is not None and advice.found is not None and advice.found.change.rigid:
             rigid = request.robot.with_rigid(*advice.found.change.rigid)
@@ -92,7 +92,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
         report.write(folder, files, origins)
 
     with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
-        result = fh.design(request.robot, request.specification, progress)
+        result = design_with(request.robot, request.specification, progress, early.meanwhile)
         progress("report")
         keep(folder, other)
         written(result)

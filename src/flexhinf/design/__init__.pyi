@@ -24,6 +24,7 @@ from .pipeline import (
     Comparison as Comparison,
     compare as compare,
     design as design,
+    design_with as design_with,
     stages as stages,
 )
 from .pose_evidence import PoseEvidence as PoseEvidence

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +40,10 @@ from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
 
 Progress = Callable[[str], None]
+
+
+#: Something that is done with a design for a workspace while more is computed of it.
+Meanwhile = Callable[[WorkspaceEvidence], AbstractContextManager[object]]
 
 
 def silent(text: str) -> None:
@@ -195,8 +200,20 @@ def design(
     >>> arm.controller().period
     0.001
     """
+    return design_with(robot, specification, progress)
+
+
+def design_with(
+    robot: Robot,
+    specification: Specification | None,
+    progress: Progress | None,
+    meanwhile: Meanwhile = nullcontext,
+) -> Design:
+    """As `design`; of a design for a workspace `meanwhile` is entered while is computed what it tolerates."""
     s, progress = checked_specification(robot, specification), progress or silent
-    return judged_by((workspace_evidence if is_for_workspace(s) else pose_evidence)(robot, s, progress))
+    if is_for_workspace(s):
+        return judged_by(workspace_evidence(robot, s, progress, meanwhile))
+    return judged_by(pose_evidence(robot, s, progress))
 
 
 def loop_of(robot: Robot, s: Specification, progress: Progress = silent) -> DesignedLoop:
@@ -210,11 +227,14 @@ def loop_of(robot: Robot, s: Specification, progress: Progress = silent) -> Desi
     return LoopAtPose(robot, s, setup, length, lambda: in_scenario(linear, length, target, responses.SAMPLES))
 
 
-def workspace_evidence(robot: Robot, s: Specification, progress: Progress) -> WorkspaceEvidence:
+def workspace_evidence(
+    robot: Robot, s: Specification, progress: Progress, meanwhile: Meanwhile
+) -> WorkspaceEvidence:
     """A controller for a workspace, what it was judged by, and what it tolerates beyond that."""
     evidence = design_workspace(robot, s, progress, stability=True)
     progress(f"{TOLERATED}: margins, and a proof")
-    evidence.look_beyond()
+    with meanwhile(evidence):
+        evidence.look_beyond()
     return evidence
 
 

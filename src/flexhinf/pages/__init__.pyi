@@ -41,6 +41,7 @@ from .estimate import (
 from .estimate_figures import FilteredLog as FilteredLog
 from .files import (
     PROOF_FILE as PROOF_FILE,
+    EarlyParts as EarlyParts,
     compared_details as compared_details,
     compared_ending as compared_ending,
     comparison_files as comparison_files,

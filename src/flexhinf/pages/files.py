@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from operator import attrgetter
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 import tomlkit
 
+from flexhinf import copies
 from flexhinf.analysis import Margins
 from flexhinf.design import design_file
 from flexhinf.design.advice import Advice
@@ -36,9 +37,9 @@ from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
-from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
+from flexhinf.pages.page import design_page, design_tables, files_section, input_rows, notes, verdict
 from flexhinf.pages.terminal import Ending, comparison_ending, design_ending
-from flexhinf.pages.workspace import workspace_numbers, workspace_page
+from flexhinf.pages.workspace import Pictures, workspace_numbers, workspace_page, workspace_pictures
 from flexhinf.pages.workspace_comparison import laws_details, laws_ending, laws_numbers, laws_page
 from flexhinf.pages.workspace_proof import workspace_proof_numbers
 from flexhinf.pages.workspace_summary import every_requirement, workspace_ending, workspace_verdict
@@ -65,37 +66,65 @@ def design_files(
     warnings: Sequence[str] = (),
     beside: Sequence[str] = (),
     advice: Advice | None = None,
+    early: EarlyParts | None = None,
 ) -> dict[str, str | bytes]:
     """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
     `command` makes the report again (none for one that is written from Python), `warnings` are about the robot's file,
     and `beside` names files that the caller writes into the same folder: the page lists them. `advice` is what was
-    tried after a design for a workspace.
+    tried after a design for a workspace, and `early` has its figures and runs, where there are any.
     """
-    parts = _parts_of(design, command, warnings, advice)
-    runs = {f"runs/{name}.{ENDING}": run.save for name, run in parts.runs.items()}
-    files = {
-        "design.json": to_json(parts.numbers),
-        **_saved({"controller": design.controller().save, **runs}),
-        **parts.proofs,
-    }
-    return {"index.html": parts.page((*files, *beside)).html(), **files}
+    parts = _parts_of(design, command, warnings, advice, early)
+    runs = {} if early is None else early.runs
+    saves = {"controller": design.controller().save} | ({} if runs else _run_files(parts.runs))
+    with _saved(saves) as saved:
+        page = parts.page()  # with its figures, while another process writes the runs
+        own = {**saved(), **runs}
+    files = {"design.json": to_json(parts.numbers), **own, **parts.proofs}
+    page = replace(page, sections=(*page.sections, files_section((*files, *beside))))
+    return {"index.html": page.html(), **files}
+
+
+@dataclass
+class EarlyParts:
+    """The figures and the runs of a report on a design for a workspace; none before `meanwhile`."""
+
+    pictures: Pictures | None = None
+    runs: Mapping[str, bytes] = field(default_factory=dict[str, bytes])  # contents of files by name
+
+    @contextmanager
+    def meanwhile(self, evidence: WorkspaceEvidence) -> Generator[None]:
+        """Draw and save them, by another process where there are several."""
+        with TemporaryDirectory() as folder:
+
+            def make() -> tuple[Pictures, list[str]]:
+                return workspace_pictures(evidence), _save(_run_files(_moves_of(evidence)), folder)
+
+            with copies.beside(make) as parts:
+                yield
+                self.pictures, names = parts()
+            self.runs = _contents(names, folder)
 
 
 class _Parts(NamedTuple):
     numbers: dict[str, object]  # of design.json
     runs: dict[str, Trajectory]  # by name
     proofs: dict[str, str]  # files by name
-    page: Callable[[Sequence[str]], Page]  # which lists these files
+    page: Callable[[], Page]  # without the list of files
 
 
 def _parts_of(
-    design: Design, command: Sequence[str], warnings: Sequence[str], advice: Advice | None
+    design: Design,
+    command: Sequence[str],
+    warnings: Sequence[str],
+    advice: Advice | None,
+    early: EarlyParts | None,
 ) -> _Parts:
     evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
-        moves = {f"move-{k}": move.response.run for k, move in enumerate(evidence.moves, 1)}
-        page = partial(workspace_page, evidence, command, warnings, advice=advice)
+        moves = _moves_of(evidence)
+        pictures = early and early.pictures
+        page = partial(workspace_page, evidence, command, warnings, advice=advice, pictures=pictures)
         proved = evidence.proof
         proofs = {} if proved is None else {PROOF_FILE: to_json(workspace_proof_numbers(proved))}
         return _Parts(workspace_numbers(evidence), moves, proofs, page)
@@ -113,6 +142,15 @@ def _parts_of(
     page = partial(design_page, evidence, command, warnings)
     runs = {name: response.run for name, response in responses.items()}
     return _Parts(design_numbers(evidence), runs, proofs, page)
+
+
+def _moves_of(evidence: WorkspaceEvidence) -> dict[str, Trajectory]:
+    """Moves of the nominal robot by name."""
+    return {f"move-{k}": move.response.run for k, move in enumerate(evidence.moves, 1)}
+
+
+def _run_files(runs: Mapping[str, Trajectory]) -> dict[str, Callable[[Path], object]]:
+    return {f"runs/{name}.{ENDING}": run.save for name, run in runs.items()}
 
 
 def _responses(e: LawEvaluation) -> dict[str, Response]:
@@ -151,7 +189,8 @@ def comparison_files(
         for name, response in _responses(row.evaluation).items()
     }
     numbers = comparison_numbers(comparison, verdict)
-    files = {"comparison.json": to_json(numbers), **_saved(saved)}
+    with _saved(saved) as contents:
+        files = {"comparison.json": to_json(numbers), **contents()}
     page = comparison_page(comparison, command, warnings, (*files, *beside), verdict)
     return {"index.html": page.html(), **files}
 
@@ -207,16 +246,27 @@ def ending(design: Design, advice: Advice | None = None) -> Ending:
     return design_ending(evidence)
 
 
-def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
-    contents: dict[str, str | bytes] = {}
-    with TemporaryDirectory() as folder:
-        for name, save in files.items():
-            path = Path(folder) / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with suppress(InvalidInput):  # what cannot be written, as a law that is code, is left out
-                save(path)
-                contents[name] = path.read_bytes()
-    return contents
+@contextmanager
+def _saved(files: Mapping[str, Callable[[Path], object]]) -> Generator[Callable[[], dict[str, bytes]]]:
+    """A function that gives the contents of files, which another process writes meanwhile where there are several."""
+    with TemporaryDirectory() as folder, copies.beside(lambda: _save(files, folder)) as names:
+        yield lambda: _contents(names(), folder)
+
+
+def _save(files: Mapping[str, Callable[[Path], object]], folder: str) -> list[str]:
+    """Write files into a folder; returns the names of those that can be written."""
+    names: list[str] = []
+    for name, save in files.items():
+        path = Path(folder) / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(InvalidInput):  # what cannot be written, as a law that is code, is left out
+            save(path)
+            names.append(name)
+    return names
+
+
+def _contents(names: Sequence[str], folder: str) -> dict[str, bytes]:
+    return {name: (Path(folder) / name).read_bytes() for name in names}
 
 
 def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:

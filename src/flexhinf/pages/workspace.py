@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,6 +57,7 @@ from flexhinf.pages.workspace_proof import (
 )
 from flexhinf.pages.workspace_summary import (
     columns_of,
+    command_text,
     estimates_text,
     key_numbers,
     margin_text,
@@ -84,6 +86,9 @@ from flexhinf.report import (
 )
 from flexhinf.robot.waypoints import LIMITS
 
+#: The figures of the first screen, of the worst move and of the poses.
+Pictures = tuple[list[Figure], Figure, Figure]
+
 #: What design.json holds of a requirement, besides `requirement_numbers`.
 REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
 
@@ -94,65 +99,61 @@ def workspace_page(
     warnings: Sequence[str] = (),
     files: Sequence[str] = (),
     advice: Advice | None = None,
+    pictures: Pictures | None = None,
 ) -> Page:
-    """The page of a controller for a workspace; parameters as for `flexhinf.pages.page.design_page`."""
+    """The page of a controller for a workspace; parameters as for `flexhinf.pages.page.design_page`. `pictures`: where
+    they were drawn already."""
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, design.robustness
-    with house_style():
-        pictures: list[Callable[[WorkspaceEvidence], list[Figure]]] = [
-            workspace_lead,
-            lambda design: [_move_figure(design)],
-            lambda design: [_pose_figure(design)],
-        ]
-        lead, (move_figure,), (pose_figure,) = shared_out(lambda draw: draw(design), pictures, compiles=False)
-        sections = (
-            Section(
-                "Requirements",
-                (
-                    requirement_table(requirements_with_margins(design), units_in(design).degrees),
-                    *(Paragraph(" ".join(text.split())) for text in warnings),
-                ),
-                "specification",
-                True,
-                brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met",
+    lead, move_figure, pose_figure = pictures or workspace_pictures(design)
+    sections = (
+        Section(
+            "Requirements",
+            (
+                requirement_table(requirements_with_margins(design), units_in(design).degrees),
+                *(Paragraph(" ".join(text.split())) for text in warnings),
             ),
-            Section(
-                f"Loops at {len(loops)} poses",
-                (
-                    pose_figure,
-                    _pose_table(design),
-                    Paragraph(
-                        f"{damping_text(robot)} {undamped_text(design)} The feedforward, the law and its estimator "
-                        "know no damping of springs."
-                    ),
+            "specification",
+            True,
+            brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met",
+        ),
+        Section(
+            f"Loops at {len(loops)} poses",
+            (
+                pose_figure,
+                _pose_table(design),
+                Paragraph(
+                    f"{damping_text(robot)} {undamped_text(design)} The feedforward, the law and its estimator "
+                    "know no damping of springs."
                 ),
-                "poses",
-                True,
             ),
-            Section(
-                f"{count_text(len(design.moves), 'move')} between random goals",
-                (
-                    move_figure,
-                    _move_table(design),
-                    _joint_table(design),
-                    _goals(design, tolerated),
-                    *_power_on(design),
-                ),
-                "moves",
+            "poses",
+            True,
+        ),
+        Section(
+            f"{count_text(len(design.moves), 'move')} between random goals",
+            (
+                move_figure,
+                _move_table(design),
+                _joint_table(design),
+                _goals(design, tolerated),
+                *_power_on(design),
             ),
-            Section(
-                "Margins, tolerance and proof",
-                (
-                    Paragraph(PAIRS),
-                    _margin_table(design, tolerated),
-                    pair_table(setup, tolerated.tolerance, tolerated.proved),
-                    *_offsets(design, tolerated),
-                ),
-                "tolerance",
-                group="For experts",
+            "moves",
+        ),
+        Section(
+            "Margins, tolerance and proof",
+            (
+                Paragraph(PAIRS),
+                _margin_table(design, tolerated),
+                pair_table(setup, tolerated.tolerance, tolerated.proved),
+                *_offsets(design, tolerated),
             ),
-            Section("The law and its estimator", (_law_table(design), _watched(design)), "law"),
-        )
+            "tolerance",
+            group="For experts",
+        ),
+        Section("The law and its estimator", (_law_table(design), _watched(design)), "law"),
+    )
     return Page(
         f"A controller for the workspace of {robot.name}",
         f"{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: "
@@ -174,20 +175,13 @@ def workspace_page(
             Badge("met", f"{len(design.requirements)} requirements.")
             if design.met
             else Badge(
-                "not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"
+                "not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{command_text(advice)}"
             ),
             *([Badge("risky", estimates_text(robot))] if estimates_text(robot) else []),
             *_proof_statuses(design),
         ],
         [scope_text(design)],
         lead,
-    )
-
-
-def _command(advice: Advice | None) -> str:
-    """The command of the change that meets all, where one was found and there is a command."""
-    return (
-        f" The whole command: {shlex.join(advice.command)}" if advice is not None and advice.command else ""
     )
 
 
@@ -360,16 +354,22 @@ def _goals(design: WorkspaceEvidence, tolerated: Robustness) -> Paragraph:
 
 def _slower_moves(design: WorkspaceEvidence) -> int:
     """How many moves of the nominal robot are slower than their speed limits ask for."""
-    return sum(
-        move.plan.duration > shortest_time(design.setup.limits, move.response.start, move.response.goal)
-        for move in design.moves
-    )
+    limits, moves = design.setup.limits, [(move.plan, move.response) for move in design.moves]
+    return sum(plan.duration > shortest_time(limits, run.start, run.goal) for plan, run in moves)
+
+
+@house_style()
+def workspace_pictures(design: WorkspaceEvidence) -> Pictures:
+    """All figures of the page, which need nothing of what a controller tolerates."""
+    figures: list[Callable[[WorkspaceEvidence], Any]] = [workspace_lead, _move_figure, _pose_figure]
+    lead, move, pose = shared_out(lambda draw: draw(design), figures, compiles=False)
+    return lead, move, pose
 
 
 def workspace_lead(design: WorkspaceEvidence) -> list[Figure]:
     """The pictures of the first screen: the move in which most error remains, and the arm in it."""
-    moves = (*design.moves, *design.sampled)
-    return moves_lead(design.setup.robot, moves, _worst_move(design), units_in(design))
+    setup, moves = design.setup, (*design.moves, *design.sampled)
+    return moves_lead(setup.robot, moves, _worst_move(design), units_in(design))
 
 
 def _worst_move(design: WorkspaceEvidence) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -428,3 +429,10 @@ def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
 def margin_text(value: float, most: float, before: str = "") -> str:
     """A margin that is searched for up to `most`."""
     return f"{before}{number(value, 3)}" if value < 0.99 * most else f"beyond {before}{most:g}"
+
+
+def command_text(advice: Advice | None) -> str:
+    """The command of the change that meets all, where one was found and there is a command."""
+    return (
+        f" The whole command: {shlex.join(advice.command)}" if advice is not None and advice.command else ""
+    )
