@@ -14,7 +14,7 @@ from dataclasses import replace
 from flexhinf.copies import beside, shared_out
 from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import joint_limits
+from flexhinf.design.responses import Move, Response, joint_limits
 from flexhinf.design.specification import EXTENDED, PROVED, TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
@@ -156,7 +156,7 @@ def judged_design(
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal: list[MoveArguments] = [(goals[k : k + 2], None, k) for k in range(GOALS)]
     moves = ran.moves if ran else setup.moves(nominal, begun)
-    sampled, power_on = (), None
+    sampled: tuple[Move, ...] = ()
     lines += move_requirements(setup, moves, "nominal robot")
     if others := corner_moves(setup, 0, goals):
         progress("moves of sampled robots")
@@ -170,10 +170,15 @@ def judged_design(
             sampled += setup.moves(others[len(sampled) :], begun)
             judged = move_requirements(setup, sampled, which)
         lines += judged
-        power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
-    if setup.may_swing:
-        watch(lines)
-        lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
+
+    def switched_on() -> Response | None:
+        return setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2]))) if others else None
+
+    watch(lines)
+    with beside(switched_on) as on:
+        if setup.may_swing:
+            lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
+        power_on = on()
     return WorkspaceEvidence(
         setup,
         poses,

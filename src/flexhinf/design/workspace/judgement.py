@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.copies import shared_out
 from flexhinf.design import judgement
 from flexhinf.design.loop_setup import DEVIATIONS
 from flexhinf.design.requirements import REQUIREMENTS, Requirement, loop_margins
@@ -149,7 +150,7 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
         resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
         return judgement.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
 
-    lines = [judged(k, move.swing, "") for k, move in enumerate(moves)]
+    lines = shared_out(lambda k: judged(k, moves[k].swing, ""), range(len(moves)), compiles=False)
     worst = int(np.argmax([line.found / line.limit for line in lines]))
     swing = setup.move(*runs[worst], dwell=LONG).swing
     line = judged(worst, swing, f"{LONG:g} s of rest after the worst move")

@@ -88,15 +88,15 @@ def robustness(
     at = np.array(setup.workspace.home)
     independent: list[Callable[[], Any]] = [  # about the longest first
         lambda: stable_pairs or proved_stability(setup),
+        lambda: computed_tolerance(setup),
         undamped,
         lambda: margin("late", LATEST, loops),
         lambda: margin("louder", np.log(LOUDEST), loops),
         lambda: margin("softer", -np.log(LOUDEST), loops),
-        lambda: computed_tolerance(setup),
         lambda: fastest_vibration(setup, poses),
         lambda: np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     ]
-    proved, undamped_delay, delay, louder, softer, tolerance, fastest, offsets = shared_out(
+    proved, tolerance, undamped_delay, delay, louder, softer, fastest, offsets = shared_out(
         lambda each: each(), independent, compiles=False
     )
     return Robustness(

@@ -27,7 +27,7 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.plant import Penalty
-from flexhinf.processors import limited_threads
+from flexhinf.processors import thread_count
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import stated_friction
 from flexhinf.robot.workspace import Workspace
@@ -161,6 +161,59 @@ def _following(chosen: WorkspaceSetup, others: Sequence[WorkspaceSetup]) -> Work
 Chosen = tuple[np.ndarray, Sequence[Mapping[str, Any]]]
 
 
+def _turns(setups: int, poses: int, done: int) -> list[int]:
+    """Whose turn it is, by place: a first pose of each candidate, at which most fail, some time before its others.
+
+    Several processes begin as many candidates more before others of an earlier one's poses follow, which until then is
+    known to have failed or not. `done`: turns of the first candidate that were taken before.
+    """
+    ahead = thread_count() if thread_count() > 1 else 0
+    turns = [*range(min(ahead, setups))]
+    for k in range(setups):
+        turns += [*range(k + ahead, min(k + ahead + 1, setups)), *[k] * (poses - 1)]
+    return turns[done:]
+
+
+class _Judging:
+    """What is known of some candidates at some poses, which copies of this process share.
+
+    Each number is whole whenever it is read; one that is not seen yet makes others do more, and nothing else.
+    """
+
+    def __init__(self, setups: int, poses: int, least: list[float] | None) -> None:
+        self._limit = least
+        self.begun = np.frombuffer(mmap.mmap(-1, setups * poses), bool).reshape(setups, poses)
+        self._failed = np.frombuffer(mmap.mmap(-1, setups), bool)
+        self._excesses = np.frombuffer(mmap.mmap(-1, 32 * setups * poses)).reshape(setups, poses, 4)
+        self._excesses[:] = np.nan  # not known yet
+
+    def limit(self, k: int) -> list[float] | None:
+        """What a candidate has to miss less than, by those before it; no less than when all of these are known."""
+        limit, share = self._limit, LESS
+        for failed, found in zip(self._failed[:k].tolist(), self._excesses[:k]):
+            missed = found.max(axis=0)
+            if failed:
+                continue
+            if np.isnan(missed).any():  # by what it misses, others beyond it may not count
+                share = 1.0
+            elif limit is None or missed.tolist() < limit:
+                limit = (share * missed).tolist()
+        return limit
+
+    def is_open(self, k: int, limit: list[float] | None) -> bool:
+        """Whether a candidate may miss less than a limit, by what is known of it."""
+        if limit is None:
+            return True
+        seen = np.fmax.reduce(self._excesses[k], axis=0, initial=0.0).tolist()
+        return any(limit) and not self._failed[k] and seen < limit
+
+    def fails(self, k: int, pose: int, found: np.ndarray, limit: list[float] | None) -> bool:
+        """Whether a candidate misses no less than a limit, with what it misses at one more pose."""
+        self._excesses[k, pose] = found
+        self._failed[k] = not self.is_open(k, limit)
+        return bool(self._failed[k])
+
+
 class ChosenPoses:
     """Some random poses by which laws are chosen, each with robots at corners of the tolerances.
 
@@ -194,61 +247,68 @@ class ChosenPoses:
         #: When a candidate failed at each pose; copies of this process share it.
         self._failed = np.frombuffer(mmap.mmap(-1, 8 * count))
 
+    def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
+        """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
+        None as soon as that is no less than `least`."""
+        return self.excesses([setup], least)[0]
+
     def excesses(
         self, setups: Sequence[WorkspaceSetup], least: list[float] | None
     ) -> list[np.ndarray | None]:
         """The `excess` of each setup; None where it is no less than `least`, or not by `LESS` less than that of one
         before it, or where one before it misses nothing."""
-        # which copies of this process share; infinite until it is known, in whatever order its bytes are seen
-        known = np.frombuffer(mmap.mmap(-1, 40 * len(setups))).reshape(-1, 5)
-        known[:, 1:] = np.inf
+        judging, poses = _Judging(len(setups), len(self._chosen), least), len(self._chosen)
 
-        def judged(k: int) -> np.ndarray | None:
-            limit, share = least, LESS
-            for is_known, *missed in known[:k].tolist():
-                if not is_known:  # by what it misses, others beyond it may not count
-                    share = 1.0
-                elif limit is None or missed < limit:
-                    limit = [share * one for one in missed]
-            if limit is not None and not any(limit):
+        def turn(k: int) -> tuple[int, int, np.ndarray | Exception] | None:
+            """What a candidate misses at one more pose, the one at which another failed last; None where it has failed,
+            or none is left."""
+            limit = judging.limit(k)
+            if not judging.is_open(k, limit):
                 return None
-            with limited_threads(1):
-                found = self.excess(setups[k], limit)
-            known[k, 1:] = np.inf if found is None else found
-            known[k, 0] = 1.0
-            return found
-
-        return shared_out(judged, range(len(setups)), self._tick, compiles=False)
-
-    def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
-        """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
-        None as soon as that is no less than `least`."""
-        order: list[int] = np.argsort(-self._failed, kind="stable").tolist()
-        first, *others = (self._chosen[k] for k in order)
-        failed = mmap.mmap(-1, 1)  # which copies of this process share
-
-        def judged(one: Chosen) -> np.ndarray | Exception:
-            if failed[0]:
-                return np.full(4, np.inf)
+            order: list[int] = np.argsort(-self._failed, kind="stable").tolist()
+            pose = next((each for each in order if not judging.begun[k, each]), None)
+            if pose is None:
+                return None
+            judging.begun[k, pose] = True
             try:
-                found = self._excess_at(setup, one, least)
-            except Exception as error:
-                return error
-            failed[0] = least is not None and found.tolist() >= least
-            return found
+                found = self._excess_at(setups[k], self._chosen[pose], limit)
+            except Exception as error:  # raised by whoever needs all poses of this candidate
+                return k, pose, error
+            if judging.fails(k, pose, found, limit):
+                self._failed[pose] = time.monotonic()
+            return k, pose, found
 
-        # The pose at which a candidate failed last is tried first, and alone: the next one may fail there too.
-        self._tick()
-        found = [judged(first)]
-        if not failed[0]:
-            found += shared_out(judged, others, self._tick, compiles=False)
-        known = {k: each for k, each in enumerate(found) if not isinstance(each, Exception)}
-        excess = np.max([np.zeros(4), *known.values()], axis=0)
+        first = [turn(0)] if len(setups) == 1 else []  # alone: most candidates fail there
+        if first and not judging.is_open(0, least):
+            return [None]
+        turns = _turns(len(setups), poses, len(first))
+        done = [*first, *shared_out(turn, turns, self._tick, compiles=False)]
+        found: dict[int, dict[int, np.ndarray | Exception]] = {k: {} for k in range(len(setups))}
+        for k, pose, each in filter(None, done):
+            found[k][pose] = each
+        excesses: list[np.ndarray | None] = []
+        for setup, each in zip(setups, found.values()):
+            excess = self._worst(setup, each, least)
+            excesses.append(excess)
+            least = least if excess is None else (LESS * excess).tolist()
+        return excesses
+
+    def _worst(
+        self, setup: WorkspaceSetup, found: dict[int, np.ndarray | Exception], least: list[float] | None
+    ) -> np.ndarray | None:
+        """The largest of what is missed at all poses, some of them known; None where it is no less than `least`."""
+        excess = np.zeros(4)
+        for pose in sorted(range(len(self._chosen)), key=lambda pose: pose not in found):
+            if least is not None and excess.tolist() >= least:
+                return None
+            if pose not in found:  # a copy has not sent it
+                self._tick()
+                found[pose] = self._excess_at(setup, self._chosen[pose], least)
+            each = found[pose]
+            excess = excess if isinstance(each, Exception) else np.maximum(excess, each)
         if least is not None and excess.tolist() >= least:
-            failing = (k for k, each in known.items() if each[0] < np.inf and each.tolist() >= least)
-            self._failed[order[next(failing, 0)]] = time.monotonic()
             return None
-        for each in found:
+        for each in found.values():
             if isinstance(each, Exception):
                 raise each
         return excess
@@ -270,7 +330,8 @@ class ChosenPoses:
 def tolerates(setup: WorkspaceSetup, gain: float) -> bool:
     """Whether the loops at the poses of the search are stable with this factor of all inputs, up and down."""
     setup = replace(setup, specification=replace(setup.specification, gain_margin=gain))
-    loops = map(setup.at_pose, setup.workspace.sample(CHOSEN_POSES, CHOSEN_SEED))
+    poses = setup.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
+    loops = shared_out(setup.at_pose, [*poses], compiles=False)
     return all(max(loop.louder, loop.softer) < 1.0 for loop in loops)
 
 

@@ -74,8 +74,8 @@ FAR_TIME, FAR, BACK, BACK_TIME = 0.02, (0.02, 0.08), 0.8, 0.3
 #: deviations of its noise.
 EXCESS, HEARD_NOISE = 1.5, 7.0
 
-#: Plans that are kept for sampled robots, which make the same moves; linear controllers that are kept, by their poses.
-PLANS, STEPS = 32, 1000
+#: Plans kept for sampled robots, which make the same moves; linear controllers, by poses; moves that wait for no code.
+PLANS, STEPS, FEW_MOVES = 32, 1000, 4
 
 
 #: Ends (2, n) of a move, parameters of the true robot (None: the nominal ones), and the seed of its noise.
@@ -532,7 +532,7 @@ class WorkspaceSetup(LoopPlants):
             _ = move.motion, move.swing if self.may_swing else None
             return move, self._command(*map(bytes, ends))[1].last if values is None else None
 
-        found = shared_out(judged, runs, begun)
+        found = shared_out(judged, runs, begun, "moving" not in vars(self) and len(runs) > FEW_MOVES)
         for (ends, *_), (_, last) in zip(runs, found):
             if last is not None:  # sampled robots make these moves too
                 self._command(*map(bytes, ends))[1].resume(last)
