@@ -103,6 +103,35 @@ def test_the_checker_s_inertia_matrix_is_that_of_the_plant(setups, found):
                 np.testing.assert_allclose(matrix, inertia(setup.law.plant, pose), atol=1e-12)
 
 
+@pytest.mark.oracle
+@pytest.mark.costs("the laws of three robots")
+def test_gravity_changes_no_faster_than_is_shown_at_any_pose(setups, found):
+    """By differences of the plant's torques at rest, of robots with their masses at their largest; none where all axes
+    that turn are upright."""
+    for name, setup in (*setups.items(), ("scara", setup_of("scara"))):
+        shown = found[name] if name in found else everywhere(setup, WIDE, (1e3, 1e7))
+        assert shown is not None
+        robot, root = setup.true.robot, np.sqrt(setup.law.joints.stiffness)
+        heavy = {p.name: p.interval[1] for p in robot.uncertain if "mass" in p.name}
+        plant = with_values(setup.true_plant, robot.varied(heavy))
+        numbers, largest = plant.parameters.named(plant.parameters.vector()), 0.0
+        for pose in setup.workspace.sample(25, 9):
+            slope = np.array(
+                [
+                    (
+                        robot.links.gravity_torque(pose + step, numbers)
+                        - robot.links.gravity_torque(pose - step, numbers)
+                    )
+                    / 2e-6
+                    for step in 1e-6 * np.eye(len(pose))
+                ]
+            ).astype(float)
+            largest = max(largest, np.abs(np.linalg.eigvals(slope / np.outer(root, root))).max())
+        assert largest <= shown.checked.slope * (1.0 + 1e-6) + 1e-9
+        assert largest >= 0.5 * shown.checked.slope
+        assert (shown.checked.slope == 0.0) == (name == "scara")
+
+
 @pytest.mark.costs("the laws of two robots")
 @pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("end", [0, 1])
@@ -195,6 +224,8 @@ FORGED = [
     ("translation", (3.0, 9.0)),
     ("split", (3.0, 1e3)),
     ("no split", (1e-9, 1e-6)),
+    ("slope", (0.3, 0.8)),
+    ("gravity", (1.5, 4.0)),
 ]
 
 
@@ -204,6 +235,10 @@ def forged(arm: Any, name: str, factor: float, rng: np.random.Generator) -> Any:
     if name in ("lower", "upper"):
         file[name] *= factor
         file[f"bodies_{name}"] = min(file[name], factor * file[f"bodies_{name}"])
+    elif name == "slope":
+        file["slope"] *= factor
+    elif name == "gravity":
+        file["gravity"] = [factor * entry for entry in file["gravity"]]
     elif name == "range":
         end = int(rng.integers(2))
         file["range"][end] *= 0.55 * factor if end else 2.5 / factor
@@ -243,7 +278,9 @@ def test_none_of_a_hundred_forged_and_damaged_arms_is_accepted(found, name):
     for _ in range(50):
         file = copy.deepcopy(arm)
         part = [file, file["joints"][1], file["bodies"][0]][int(rng.integers(3))]
-        key = str(rng.choice(sorted(set(part) - {"payloads", "parent", "slides", "range"})))
+        key = str(
+            rng.choice(sorted(set(part) - {"payloads", "parent", "slides", "range", "slope", "moment"}))
+        )
         part[key] = wrong[int(rng.integers(len(wrong)))]
         with pytest.raises(InvalidInput, match="certificate"):
             arm_claim(file)

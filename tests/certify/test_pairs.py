@@ -21,7 +21,7 @@ from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
 from flexhinf.design import Specification
-from flexhinf.design.workspace.pair_proof import claim_numbers, largest_certificate
+from flexhinf.design.workspace.pair_proof import claim_numbers, largest_certificate, pair_certificate
 from flexhinf.design.workspace.proof import sampled_pairs
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -69,15 +69,41 @@ def sprung(pairs):
     return largest_certificate(some, Errors(Sector(0.5, 0.5), Sector(1.0, 1.0)), lambda text: None)
 
 
+@pytest.fixture(scope="module")
+def falling(pairs):
+    """The same at some λ, of masses beside springs that err by a tenth, where gravity has a slope."""
+    some = replace(pairs, gains=replace(pairs.gains, ends=SOME))
+    beside = Errors(EXACT, Sector(0.1, 0.1), Sector(0.03, 0.03))
+    return largest_certificate(some, SYMMETRIC, lambda text: None, beside)
+
+
+@pytest.fixture(scope="module")
+def filtered():
+    """The same of seven links at some λ, by multipliers with a filter, which all of its λ need."""
+    _, loop = masses.pairs_of(ROBOTS["seven-link"].robot())
+    tolerance = popov_tolerance(loop)
+    size = Sector(*(0.95 * part for part in tolerance.errors.masses))
+    some = replace(loop, gains=replace(loop.gains, ends=SOME))
+    storages = PairStorages(some, Errors(size), tolerance.multipliers, 0.0).lifted()
+    return tolerance, pair_certificate(storages, lambda done: None)
+
+
 @pytest.mark.ci("searches and checks two proofs, which all tests here read")
-def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung):
-    for (tolerance, numbers), size, (low, high) in ((found, 0.5, ENDS), (sprung, 0.2, SOME)):
+def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung, falling, filtered):
+    assert filtered[0].multipliers.filters
+    for (tolerance, numbers), size, (low, high) in (
+        (found, 0.5, ENDS),
+        (sprung, 0.2, SOME),
+        (falling, 0.3, SOME),
+        (filtered, 0.5, SOME),
+    ):
         assert size < tolerance.errors.masses.lower < 1.0
         checked = check_pairs(pair_claim(json.loads(json.dumps(numbers))))
         assert isinstance(checked, CheckedPairs)
         assert checked.low <= low < high <= checked.high
         assert checked.lower >= 0.89 * tolerance.errors.masses.lower
         assert checked.softer >= 0.89 * tolerance.errors.springs.lower
+        assert checked.falling == tolerance.errors.slope.lower
 
 
 @pytest.mark.oracle
@@ -112,23 +138,25 @@ def test_search_and_checker_compute_the_same_game(pairs, latency, watched, sprin
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def mixed_radius(pairs, links, error, springs: Any = 0.0):
-    """Spectral radius of pairs λ (n,) with symmetric errors Δ (n, n) of their inverse inertia, and E (n, n) of their
-    stiffness, by SciPy: the law predicts with what the pairs should be."""
+def mixed_radius(pairs, links, error, springs: Any = 0.0, slope: Any = 0.0):
+    """Spectral radius of pairs λ (n,) with symmetric errors Δ (n, n) of their inverse inertia, E (n, n) of their
+    stiffness, and a slope Γ (n, n) of gravity, by SciPy: the law predicts with what the pairs should be."""
     gains, n, h = pairs.gains, len(links), PERIOD
     kappa, beta, root = gains.motor, gains.damping, np.sqrt(links)
 
-    def moved(inverse, stiffness):
+    def moved(inverse, stiffness, fall):
         zero, one = np.zeros((n, n)), np.eye(n)
         pulled, held = inverse @ stiffness, kappa * stiffness
-        a = np.block([[zero, one, zero, zero], [-pulled, zero, pulled, zero], [zero, zero, zero, one],
+        a = np.block([[zero, one, zero, zero], [-pulled - inverse @ fall, zero, pulled, zero], [zero, zero, zero, one],
                       [held, zero, -held, -beta * one]])  # fmt: skip
         b = np.vstack([zero, zero, zero, kappa * one])
         whole = expm(h * np.block([[a, b], [np.zeros((n, 5 * n))]]))
         return whole[: 4 * n, : 4 * n], whole[: 4 * n, 4 * n :]
 
-    true, entry = moved(np.diag(links) + root[:, None] * error * root, np.eye(n) + springs)
-    known, own = moved(np.diag(links), np.eye(n))
+    true, entry = moved(
+        np.diag(links) + root[:, None] * error * root, np.eye(n) + springs, slope + np.zeros((n, n))
+    )
+    known, own = moved(np.diag(links), np.eye(n), np.zeros((n, n)))
     k, unit = gains(links)[:, :5], np.eye(7 * n)
     x, total, last, waiting = unit[: 4 * n], unit[4 * n : 5 * n], unit[5 * n : 6 * n], unit[6 * n :]
     integral = total + 0.5 * h * (last + x[:n])
@@ -140,19 +168,21 @@ def mixed_radius(pairs, links, error, springs: Any = 0.0):
 
 @pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.oracle
-def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found, sprung):
+def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found, sprung, falling):
     """By a second route to the loop of mixed pairs, which also confirms what the search of unstable ones says."""
     rng = np.random.default_rng(0)
-    for numbers, ends in [(found[1], ENDS)] * 60 + [(sprung[1], SOME)] * 60:
+    for numbers, ends in [(found[1], ENDS)] * 60 + [(sprung[1], SOME)] * 60 + [(falling[1], SOME)] * 60:
         links = np.exp(rng.uniform(*np.log(ends), 3))
-        masses, springs = (
+        masses, springs, slope = (
             turn @ np.diag(size * rng.choice([-1.0, 1.0], 3) * rng.choice([1.0, 0.5], 3)) @ turn.T
-            for size in (numbers["lower"], numbers["softer"])
+            for size in (numbers["lower"], numbers["softer"], numbers["falling"])
             for turn in (np.linalg.qr(rng.normal(size=(3, 3)))[0],)
         )
-        radius = mixed_radius(pairs, links, masses, springs)
+        radius = mixed_radius(pairs, links, masses, springs, slope)
         assert radius < 1.0
-        assert pairs.radius(links.tolist(), masses, springs) == pytest.approx(radius, abs=1e-7)
+        assert pairs.radius(links.tolist(), masses, springs, slope) == pytest.approx(radius, abs=1e-7)
+    down = np.array([[-1.5]])  # a slope that lets the slowest pair fall
+    assert mixed_radius(pairs, np.array([ENDS[0]]), np.zeros((1, 1)), 0.0, down) > 1.0
     soft = smallest_unstable(pairs, mixed=False, count=20, of_springs=True)
     assert soft.size > sprung[1]["softer"]
     for factor in (0.99, 1.01):
@@ -194,9 +224,9 @@ def test_two_pairs_that_an_error_mixes_may_bear_less_than_one():
 
 
 def peak(numbers, link, pieces=6):
-    """Largest eigenvalue of δ₁δ₂ AᴴA + ½(δ₂ − δ₁)(A + Aᴴ) + τ (R + Rᴴ) over frequencies, of the lifted response from
-    d to a and to its rate, in `pieces` of a period. Below 1 the inequality holds at λ, springs are exact. Of the file
-    alone, by SciPy."""
+    """Largest eigenvalue of δ₁δ₂ AᴴA + ½(δ₂ − δ₁)(A + Aᴴ) + τ (R + Rᴴ) + Σ σ ((Fᴴ − F) A + h. c.) over frequencies, of
+    the lifted response from d to a and to its rate, in `pieces` of a period, F of a filter. Below 1 the inequality
+    holds at λ, springs are exact. Of the file alone, by SciPy."""
     h, root = numbers["period"], np.sqrt(link)
     a, b, g = np.zeros((4, 4)), np.eye(4)[3] * numbers["input"], np.eye(4)[1] * root
     a[0, 1] = a[2, 3] = 1.0
@@ -235,26 +265,49 @@ def peak(numbers, link, pieces=6):
     out, rate = (np.array(rows)[:, :5] @ acting @ inner + np.array(rows)[:, 5:] for rows in (outs, rates))
     lower, upper, tau = numbers["lower"], numbers["upper"], numbers["multiplier"] * h
     half = 0.5 * (upper - lower) * out + tau * rate
+    for pole, part, _ in numbers["filters"]:
+        kept, added = np.exp(-pole / pieces), (1.0 - np.exp(-pole / pieces)) / pole
+        edge, passed = (
+            np.zeros((len(z), 1, pieces), dtype=complex),
+            np.zeros((len(z), pieces, pieces), complex),
+        )
+        edge[:, 0] = (added * kept ** np.arange(pieces)[::-1]) / (z[:, 0] - np.exp(-pole))
+        for piece in range(pieces):
+            after = kept * edge[:, 0]
+            after[:, piece] += added
+            passed[:, piece] = (edge[:, 0] + after) / 2
+            edge[:, 0] = after
+        half += part * (passed.conj().transpose(0, 2, 1) - passed) @ out
     total = lower * upper * out.conj().transpose(0, 2, 1) @ out + half + half.conj().transpose(0, 2, 1)
     return np.linalg.eigvalsh(total)[:, -1].max()
 
 
 @pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.oracle
-def test_a_second_route_by_frequencies_finds_the_same_tolerance(found):
-    tolerance, numbers = found
-    links = np.geomspace(*ENDS, 12)
-    assert max(peak(numbers, link) for link in links) < 1.0
-    lower, upper = tolerance.errors.masses
-    beyond = {**numbers, "lower": 1.05 * lower, "upper": 1.05 * upper}
-    assert max(peak(beyond, link) for link in links) > 1.0
+def test_a_second_route_by_frequencies_finds_the_same_tolerance(found, filtered):
+    ends = masses.pairs_of(ROBOTS["seven-link"].robot())[1].gains.ends
+    for (tolerance, numbers), links in (
+        (found, np.geomspace(*ENDS, 12)),
+        (filtered, np.geomspace(*ends, 16)),
+    ):
+        assert max(peak(numbers, link) for link in links) < 1.0
+        lower, upper = tolerance.errors.masses
+        beyond = {**numbers, "lower": 1.05 * lower, "upper": 1.05 * upper}
+        assert max(peak(beyond, link) for link in links) > 1.0
+    steady = {**numbers, "filters": []}  # one τ for all frequencies covers much less
+    assert max(peak(steady, link) for link in links) > 1.0
 
 
 @pytest.mark.ci("reads two proofs that the other tests share")
-def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung):
-    for (tolerance, numbers), kinds in ((found, (0, 1)), (sprung, (0, 1)), (sprung, (2, 3))):
-        names, sizes = ("lower", "upper", "softer", "stiffer"), tolerance.errors.numbers
-        larger = {**numbers, **{names[k]: min(0.99, 1.3 * sizes[k]) for k in kinds}}
+def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung, falling):
+    for (tolerance, numbers), kinds, factor in (
+        (found, (0, 1), 1.3),
+        (sprung, (0, 1), 1.3),
+        (sprung, (2, 3), 1.3),
+        (falling, (4, 5), 5.0),
+    ):
+        sizes = tolerance.errors.numbers
+        larger = {**numbers, **{checker.ERRORS[k]: min(0.99, factor * sizes[k]) for k in kinds}}
         assert isinstance(check_pairs(pair_claim(larger)), int)
 
 
@@ -274,7 +327,9 @@ def forged(numbers, rng):
     (one,) = file["intervals"]
     first, last = one["storages"]
     kinds = ["sector", "rate", "law", "number", "entry", "sign", "scale", "range", "latency"]
-    kind = str(rng.choice([*kinds, "springs", "multiplier", "weight"] if file["softer"] else kinds))
+    kinds += ["springs", "multiplier", "weight"] * (file["softer"] > 0.0)
+    kinds += ["slope"] * (file["falling"] > 0.0) + ["filter"] * bool(file["filters"])
+    kind = str(rng.choice(kinds))
     factor = float(rng.choice([0.2, 0.4, 3.0, 10.0, 1e200]))
     if kind == "sector":
         file["lower"], file["upper"] = min(0.999, 1.3 * file["lower"]), rng.uniform(1.3, 9.0) * file["upper"]
@@ -283,6 +338,11 @@ def forged(numbers, rng):
             min(0.999, 1.4 * file["softer"]),
             rng.uniform(1.4, 9.0) * file["stiffer"],
         )
+    elif kind == "slope":
+        file["falling"], file["holding_up"] = rng.uniform(5.0, 20.0, 2) * file["falling"]
+    elif kind == "filter":
+        place = int(rng.integers(3))
+        file["filters"][0][place] *= (30.0, -1.0, -9.0)[place] * min(1.0, factor)
     elif kind == "multiplier":
         file[str(rng.choice(["spring_multiplier", "lift"]))] *= -float(rng.uniform(20.0, 1e3))
     elif kind == "weight":
@@ -312,7 +372,7 @@ def damaged(numbers, rng):
     file, name = copy.deepcopy(numbers), str(rng.choice(sorted(set(numbers) - {"observer"})))
     wrong = [None, "text", [], {}, True, float("nan"), float("inf"), "1", [[1.0], [2.0, 3.0]]]
     file[name] = wrong[int(rng.integers(len(wrong)))]
-    if rng.random() < 0.2:
+    if rng.random() < 0.2 or (name, file[name]) == ("filters", []):  # which is none
         del file[name]
     return file
 
@@ -321,8 +381,8 @@ def damaged(numbers, rng):
     ("of", "count", "tried"),
     ci_and_night(
         "checks hundreds of files",
-        [("found", 9, 80), ("sprung", 12, 80)],
-        [("found", 9, 200), ("sprung", 12, 200)],
+        [("found", 9, 60), ("sprung", 12, 60), ("falling", 13, 60), ("filtered", 10, 60)],
+        [("found", 9, 200), ("sprung", 12, 200), ("falling", 13, 200), ("filtered", 10, 200)],
     ),
 )
 def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(of, count, tried, request):

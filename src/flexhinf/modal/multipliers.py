@@ -34,8 +34,9 @@ ACCURACY, FIRST = 0.01, 1e-4
 #: First step of log₁₀ of one multiplier, and of several; the last one, and what a larger share than before is.
 FIRST_STEP, LAST_STEP, MORE = (0.1, 0.5), 0.03, 1.02
 
-#: Weights of springs and of a slope from which a search begins, and the smallest ones; log₁₀.
-CHANNEL_STARTS, SMALLEST = ((-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0)), (-4.0, -4.0, -3.0)
+#: Weights from which a search begins: ρ and μ₁ of a slope, μ₂ γ of it, and those of springs; the smallest; log₁₀.
+SLOPE_STARTS, SLOPE_RATE = ((-2.5, -3.3), (-2.0, -2.5), (-2.0, -3.0)), (-1.0, 0.0)
+SPRING_STARTS, SMALLEST = ((-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0)), (-4.0, -4.0, -3.0)
 
 #: Shares of what masses alone would have from which τ begins beside other errors.
 BESIDE = (1.0, 0.1, 0.01)
@@ -138,7 +139,8 @@ class _Place:
 
 def _starts(pairs: SampledPairs, shape: Errors, fixed: Errors) -> Iterator[_Place]:
     """Places from which a search begins."""
-    channels = fixed.and_share(1.0, shape).channels
+    errors = fixed.and_share(1.0, shape)
+    channels = errors.channels
     masses = shape.masses if max(shape.masses) > 0.0 else Sector(1.0, 1.0)
     chosen = list(_of_masses(pairs, masses))
     if not any(channels):
@@ -147,8 +149,20 @@ def _starts(pairs: SampledPairs, shape: Errors, fixed: Errors) -> Iterator[_Plac
         return
     for (slow, *filters), share in product(chosen, BESIDE):
         own = [abs(slow) * share, *(own * (share if k % 2 else 1.0) for k, own in enumerate(filters))]
-        for weights in product(*CHANNEL_STARTS):
-            yield _Place.of(own, channels, weights * sum(channels))
+        for weights in _channel_starts(errors):
+            yield _Place.of(own, channels, weights)
+
+
+def _channel_starts(errors: Errors) -> Iterator[tuple[float, ...]]:
+    """ρ, μ₁ and μ₂ of springs and of a slope from which a search begins, log₁₀."""
+    springs, slope = errors.channels
+    of_springs = list(product(*SPRING_STARTS)) if springs else [()]
+    of_slope: list[tuple[float, ...]] = [()]
+    if slope:
+        size = float(np.log10(max(errors.slope)))
+        of_slope = [(*own, rate - size) for own in SLOPE_STARTS for rate in SLOPE_RATE]
+    for first, second in product(of_springs, of_slope):
+        yield *first, *second
 
 
 def _of_masses(pairs: SampledPairs, shape: Sector) -> Iterator[list[float]]:

@@ -99,7 +99,8 @@ class Errors(NamedTuple):
     def names(self) -> str:
         """What has errors."""
         kinds = ("masses", self.masses), ("springs", self.springs), ("gravity", self.slope)
-        return " and ".join(name for name, own in kinds if max(own) > 0.0)
+        *others, last = [name for name, own in kinds if max(own) > 0.0] or [""]
+        return f"{', '.join(others)} and {last}" if others else last
 
     def within(self, others: Errors) -> bool:
         """Whether all are at most as large as others."""
@@ -134,6 +135,11 @@ class Multipliers(NamedTuple):
     springs: ChannelWeights = ChannelWeights()
     slope: ChannelWeights = ChannelWeights()
     filters: tuple[FilterWeights, ...] = ()
+
+    @property
+    def without_gain(self) -> Multipliers:
+        """The same without τ and σ."""
+        return self._replace(masses=0.0, filters=tuple(one._replace(multiplier=0.0) for one in self.filters))
 
 
 class WorstPeriod(NamedTuple):
@@ -268,16 +274,34 @@ def near_modes(modes: np.ndarray) -> np.ndarray:
     return np.clip(near.ravel(), 1e-6, np.pi)
 
 
-def storage(worst: WorstPeriod) -> np.ndarray | None:
-    """P (n, n), between the smallest and the largest solution of P = Q + Aᵀ P (1 − W P)⁻¹ A, as the geometric mean of
-    these; None where the smallest is not positive."""
+def storage(worst: WorstPeriod, better: WorstPeriod) -> np.ndarray | None:
+    """P (n, n) with the most room in N > 0 of a better worst period; None where there is none.
+
+    It is the smallest solution of P = Q + Aᵀ P (1 − W P)⁻¹ A, its geometric mean with the largest, or the mean of both.
+    """
     found = _solutions(worst)
     if found is None or np.linalg.eigvalsh(found[0])[0] <= 0.0:
         return None
-    smallest, y = found
+    smallest, far = found[0], _geometric_mean(*found)
+    return max((far, 0.5 * (far + smallest), smallest), key=lambda p: _least(better, p))
+
+
+def _least(worst: WorstPeriod, p: np.ndarray) -> float:
+    """The least eigenvalue of N in the unit of P; −∞ where P is not positive."""
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(p)).T
+    except np.linalg.LinAlgError:
+        return -np.inf
+    moved = root.T @ p @ worst.a @ root
+    first, last = root.T @ (p - worst.q) @ root, root.T @ (p - p @ worst.w @ p) @ root
+    return float(np.linalg.eigvalsh(np.block([[first, moved.T], [moved, last]]))[0])
+
+
+def _geometric_mean(smallest: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Of the smallest solution and the largest one, Y⁻¹, as far as errors reach."""
     size = np.sqrt(np.maximum(np.abs(np.diag(y)), 1e-300))
     values, vectors = np.linalg.eigh(y / np.outer(size, size))
-    # The largest is Y⁻¹, of states that no error reaches without bound.
+    # Y⁻¹ has no bound for states that no error reaches.
     root = vectors / np.sqrt(np.maximum(values, REACHED * values[-1])) / size[:, None]
     back = (size[:, None] * vectors * np.sqrt(np.maximum(values, REACHED * values[-1]))).T
     ratios, turn = np.linalg.eigh(back @ smallest @ back.T)
@@ -324,7 +348,9 @@ class PairStorages:
         """P (n, n), its room a share of the distance of the slowest mode from the unit circle; None where there is
         none."""
         wide = self._widened(link, room)
-        return None if wide is None else storage(wide)
+        if wide is None:
+            return None
+        return storage(wide, worst_period(self.pairs, link, self.errors, self.multipliers, self.rate))
 
     def lifted(self, count: int = 12) -> PairStorages:
         """The same with numbers c that make P positive at `count` λ where some do."""
@@ -375,10 +401,14 @@ class PairStorages:
         """A worst period that is worse by a room; None where no P exists."""
         a, q, w = worst_period(self.pairs, link, self.errors, self.multipliers, self.rate)
         own = len(a) - self._waiting
-        far = 1.0 - float(np.abs(np.linalg.eigvals(a[:own, :own])).max())
+        # A holds an error of the multiplier's choice, and need not be stable; without it is a loop within the sector.
+        loop = worst_period(self.pairs, link, self.errors, self.multipliers.without_gain, self.rate).a[
+            :own, :own
+        ]
+        far = 1.0 - float(np.abs(np.linalg.eigvals(loop)).max())
         if far <= 0.0:
             return None
-        reached, weight = np.diag(_reached(a[:own, :own], w[:own, :own])), np.zeros(len(a))
+        reached, weight = np.diag(_reached(loop, w[:own, :own])), np.zeros(len(a))
         weight[:own] = WEIGHT / np.maximum(reached, 1e-12 * reached.max())
         more, gained = 1.0 + MORE * room, q
         if self._waiting:  # Q is negative for e and p, and pays for what lets them grow

@@ -49,18 +49,20 @@ def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange
     return Table(
         ("each vibration by itself", "range or size", "how it is known"),
         [*_range_rows(setup, proved), _computed_row(error)],
-        CAPTION,
+        caption(with_slope=False),
         stacks=True,
     )
 
 
-#: What the sizes of errors mean, and for what they hold.
-CAPTION = (
-    "For motors made alike, gravity without slope, springs without damping, no dry friction, small motions. Errors are "
-    "those of the links' inertia matrix, which masses and payloads make, and of the stiffness: symmetric, in the "
-    "coordinates of their square roots, and the same at all times. What is not named is exact. No error of a motor is "
-    "among them."
-)
+def caption(with_slope: bool) -> str:
+    """What the sizes of errors mean, and for what they hold."""
+    gravity = "" if with_slope else "gravity without slope, "
+    return (
+        f"For motors made alike, {gravity}springs without damping, no dry friction, small motions. Errors are "
+        "those of the links' inertia matrix, which masses and payloads make, and of the stiffness: symmetric, in the "
+        "coordinates of their square roots, and the same at all times. What is not named is exact. No error of a motor "
+        "is among them."
+    )
 
 
 def _range_rows(setup: WorkspaceSetup, proved: ProvedRange) -> list[tuple[str, str, str]]:
@@ -108,10 +110,19 @@ def _ends_text(low: float, high: float, outwards: bool) -> str:
 def errors_text(errors: Errors, of_robots: bool = False) -> str:
     """Errors as the factors of inertia and stiffness; see `masses_text`."""
     softer, stiffer = errors.springs
-    if errors.springs == EXACT:
-        return masses_text(errors.masses, of_robots)
-    springs = f"{_ends_text(1.0 - softer, 1.0 + stiffer, of_robots)} times its stiffness"
-    return f"{masses_text(errors.masses, of_robots)} and {springs}"
+    parts = [masses_text(errors.masses, of_robots)]
+    if errors.springs != EXACT:
+        parts.append(f"{_ends_text(1.0 - softer, 1.0 + stiffer, of_robots)} times its stiffness")
+    if errors.slope != EXACT:
+        parts.append(slope_text(errors.slope, of_robots))
+    *others, last = parts
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def slope_text(slope: Sector, of_robots: bool = False) -> str:
+    """How fast gravity's torques change with the pose, as a share of the stiffness; see `masses_text`."""
+    size = at_most(100.0 * max(slope), 3) if of_robots else at_least(100.0 * min(slope), 3)
+    return f"gravity's slope of up to {size} % of the stiffness"
 
 
 def stability_text(setup: WorkspaceSetup, proved: ProvedRange) -> str:
@@ -139,7 +150,7 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
     if arm and arm.low is not None:
         whole = f"; it does so at every pose of the workspace, shown in {arm.boxes} boxes of poses"
-    masses, (softer, stiffer), _ = proof.errors
+    masses, (softer, stiffer), slope = proof.errors
     errors = (
         "the model's own masses"
         if checked is None
@@ -159,9 +170,21 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
         f"poses at which the arm vibrates at {number(low, 3)} to {number(high, 3)} rad/s with its motors held{whole}",
         errors,
         f"{springs}, linear and without damping; motors as the model's, made alike with the true torque of the springs",
-        "small motions about rest, in which gravity has no slope; no dry friction, no backlash, no limit of an input",
+        f"small motions about rest, {_slope_hypothesis(proof, slope)}; no dry friction, no backlash, no limit of an "
+        "input",
         f"the sampled loop with {_loop_text(setup)}, and exact motion between the samples; no other delay",
     )
+
+
+def _slope_hypothesis(proof: WorkspaceProof, proved: Sector) -> str:
+    """What is assumed of gravity's slope."""
+    stated, poses = proof.stated.errors.slope, proof.stated.slope_poses
+    where = f"at {poses} sampled poses" if poses else "at every pose"
+    if stated == EXACT:
+        return f"in which gravity has no slope, as it has none {where}"
+    if proof.has_slope:
+        return f"with {slope_text(proved)}, which the file's robots keep {where}"
+    return f"in which gravity has no slope, though the file's robots have {slope_text(stated, True)} {where}"
 
 
 def numbered_text(texts: Sequence[str]) -> str:
@@ -179,8 +202,9 @@ LEFT_OUT = (
         "errors with a phase, such as creep or a lagging drive",
         "nothing here; fast vibrations bear hardly any",
     ),
-    ("gravity's slope", "loops at poses, which have it"),
 )
+#: The same where a proof leaves out gravity's slope.
+SLOPE_LEFT_OUT = ("gravity's slope", "loops at poses, which have it")
 
 
 def _left_out(proof: WorkspaceProof) -> bool:
@@ -202,7 +226,7 @@ def proof_text(proof: WorkspaceProof) -> str:
             return "Not proved: nothing is proved of this controller."
         return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
     proved = errors_text(proof.errors)
-    if not stated.errors.largest:
+    if not stated.of_tolerances.errors.largest:
         return f"Proved for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:
         every = "masses, payloads and springs"
@@ -213,7 +237,7 @@ def proof_text(proof: WorkspaceProof) -> str:
             f"{errors_text(file_errors, True)}, and small motions about rest are stable with {proved}."
         )
     tolerated, needed, which = min(
-        zip(proof.errors.numbers, stated.errors.numbers, KINDS),
+        zip(proof.errors.numbers, stated.of_tolerances.errors.numbers, KINDS),
         key=lambda part: part[0] / part[1] if part[1] else 1.0,
     )
     return (
@@ -305,7 +329,7 @@ def _proof_table(proof: WorkspaceProof) -> Table:
             file_errors._replace(masses=Sector(arm.lower, arm.upper)),
         )
     rows.append(("the file's masses, payloads and springs", errors_text(file_errors, True), where))
-    return Table(("what", "range or size", "how it is known"), rows, CAPTION, stacks=True)
+    return Table(("what", "range or size", "how it is known"), rows, caption(proof.has_slope), stacks=True)
 
 
 def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict: DesignVerdict) -> Page:
@@ -337,7 +361,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
                     Paragraph(f"{_unstable_text(proof)} {others_text(proof)}".strip()),
                     Table(
                         ("not in the proof", "what tells of it"),
-                        LEFT_OUT,
+                        LEFT_OUT if proof.has_slope else (*LEFT_OUT, SLOPE_LEFT_OUT),
                         "Who should not trust it.",
                         stacks=True,
                     ),
@@ -395,7 +419,12 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
         "hypotheses": [f"{k}. {text}" for k, text in enumerate(hypotheses(proof), 1)],
         "largest": None if proof.largest is None else finite(proof.largest._asdict()),
         "proved": None if checked is None else finite(checked._asdict()),
-        "stated": {**error_numbers(stated.errors), "poses": stated.poses, "not_held": list(stated.others)},
+        "stated": {
+            **error_numbers(stated.errors),
+            "poses": stated.poses,
+            "slope_poses": stated.slope_poses,
+            "not_held": list(stated.others),
+        },
         "computed": {
             **error_numbers(proof.tolerance.errors),
             "multipliers": finite(proof.tolerance.multipliers._asdict()),
@@ -441,7 +470,8 @@ def _arm_text(arm: CheckedArm | None) -> str:
     """What the checker says of the arm of a proof.json."""
     if arm is None:
         return "Robot, poses and hypotheses in the file are not checked."
-    masses = f"All bodies and payloads of its arm have {masses_text(Sector(arm.lower, arm.upper), True)} at every pose"
+    errors = Errors(Sector(arm.lower, arm.upper), EXACT, Sector(arm.slope or 0.0, arm.slope or 0.0))
+    masses = f"All bodies and payloads of its arm have {errors_text(errors, True)} at every pose"
     if arm.low is None:
         return f"{masses}; the vibrations of poses and other hypotheses in the file are not checked."
     return f"{masses}, and these vibrations alone. Other hypotheses in the file are not checked."

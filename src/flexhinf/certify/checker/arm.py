@@ -2,7 +2,8 @@
 
 The file has an arm: joints, bodies with intervals of their mass, centre of mass and inertia, and payloads. Shown is
 M/(1 + δ₂) ≤ M̂ ≤ M/(1 − δ₁) body by body, which holds at every pose; beside payloads, and that all λ lie in the range of
-the pairs, in boxes of joint positions that cover the joint ranges. docs/theorem.md has the lemmas.
+the pairs, in boxes of joint positions that cover the joint ranges; and a bound of gravity's slope at every pose.
+docs/theorem.md has the lemmas.
 
 Nothing is imported from the search. Every number of the file is a double, and read as this rational number.
 """
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_mat, ctx
 
+from flexhinf.certify.checker.gravity import Weight, within_slope
 from flexhinf.certify.checker.pairs import BITS, finite_numbers, refused_as_damaged
 from flexhinf.certify.checker.taylor_matrix import frobenius, positive_definite
 
@@ -57,6 +59,9 @@ class ArmBody(NamedTuple):
     inertia: tuple[Interval, ...]  # (6,), xx xy xz yy yz zz about the centre, kg·m²
     scale: Interval  # of all six
     split: arb  # t of lemma 4, between 0 and 1
+    moment: (
+        Interval | None
+    )  # kg·m about the joint's axis, of a body whose mass and centre are not its own; else None
 
 
 class ArmPayload(NamedTuple):
@@ -79,6 +84,8 @@ class ArmClaim(NamedTuple):
     bodies_lower: float  # δ₁ of the bodies alone
     bodies_upper: float
     range: tuple[float, float] | None  # λ, 1/s²; None where nothing is said of it
+    gravity: arb_mat  # (3, 1), acceleration of free fall in the base's frame, m/s²
+    slope: float | None  # γ: −γK ≤ ∂G/∂q ≤ γK; None where nothing is said of it
 
 
 class CheckedArm(NamedTuple):
@@ -89,6 +96,7 @@ class CheckedArm(NamedTuple):
     low: float | None  # smallest λ at every such pose, 1/s²; None where poses are sampled
     high: float | None
     boxes: int  # of joint positions, of all inequalities
+    slope: float | None  # γ: |∂G/∂q| ≤ γK at every pose; None where nothing is said of it
 
 
 def arm_claim(numbers: Mapping[str, Any]) -> ArmClaim:
@@ -112,7 +120,11 @@ def arm_claim(numbers: Mapping[str, Any]) -> ArmClaim:
             raise ValueError("bodies with larger errors than the whole arm")
         if not sectors[0] < 1.0:
             raise ValueError("a sector beyond 1")
-        return ArmClaim(joints, bodies, payloads, *sectors, ends)  # type: ignore[arg-type]
+        slope = None if numbers["slope"] is None else float(finite_numbers(numbers["slope"], 0))
+        if slope is not None and slope < 0.0:
+            raise ValueError("a slope below 0")
+        fall = _matrix(numbers["gravity"], 3, 1)
+        return ArmClaim(joints, bodies, payloads, *sectors, ends, fall, slope)  # type: ignore[arg-type]
 
 
 def _listed(value: object) -> list[Any]:
@@ -165,7 +177,10 @@ def _body(part: Mapping[str, Any]) -> ArmBody:
     split = float(finite_numbers(part["split"], 0))
     if (len(centre), len(inertia)) != (3, 6) or not 0.0 < split < 1.0:
         raise ValueError("a body with other numbers")
-    return ArmBody(_interval(part["mass"], 0.0), centre, inertia, _interval(part["scale"], 0.0), arb(split))
+    moment = None if part["moment"] is None else _interval(part["moment"], 0.0)
+    return ArmBody(
+        _interval(part["mass"], 0.0), centre, inertia, _interval(part["scale"], 0.0), arb(split), moment
+    )
 
 
 def _payload(part: Mapping[str, Any], count: int) -> ArmPayload:
@@ -189,9 +204,13 @@ def _checked(claim: ArmClaim) -> CheckedArm | str:
     for k, body in enumerate(claim.bodies):
         if not _within(body, claim.bodies_lower, claim.bodies_upper):
             return f"body {k + 1}"
+    if claim.slope is not None and not within_slope(
+        claim.joints, claim.gravity, weights_of(claim), claim.slope
+    ):
+        return "the slope of gravity"
     boxes, ends = 0, claim.range or (None, None)
     if not claim.payloads and claim.range is None:
-        return CheckedArm(claim.lower, claim.upper, *ends, boxes)
+        return CheckedArm(claim.lower, claim.upper, *ends, boxes, claim.slope)
     if len(claim.joints) > JOINTS_IN_BOXES:
         return "an arm of so many joints"
     for name, terms in inequalities(claim):
@@ -199,7 +218,22 @@ def _checked(claim: ArmClaim) -> CheckedArm | str:
         if found is None:
             return name
         boxes += found
-    return CheckedArm(claim.lower, claim.upper, *ends, boxes)
+    return CheckedArm(claim.lower, claim.upper, *ends, boxes, claim.slope)
+
+
+def weights_of(claim: ArmClaim) -> list[Weight]:
+    """All bodies and payloads at their heaviest, with the largest moment about the origin of their frame."""
+    weights: list[Weight] = []
+    for k, body in enumerate(claim.bodies):
+        mass = body.mass[2]
+        farthest = frobenius([_largest([abs(end).upper() for end in entry]) for entry in body.centre])
+        if body.moment is None:
+            weights.append(Weight(k, mass, mass * farthest))
+        else:
+            weights.append(Weight(k, arb(0), body.moment[2]))
+    for load in claim.payloads:
+        weights.append(Weight(load.joint, load.mass[2], load.mass[2] * frobenius(load.centre.entries())))
+    return weights
 
 
 def _within(body: ArmBody, lower: float, upper: float) -> bool:

@@ -16,12 +16,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.certify.checker.arm import JOINTS_IN_BOXES, CheckedArm, arm_claim, check_arm
-from flexhinf.design.workspace.masses import OF_INERTIA
+from flexhinf.certify.checker.arm import (
+    JOINTS_IN_BOXES,
+    ArmClaim,
+    CheckedArm,
+    arm_claim,
+    check_arm,
+    weights_of,
+)
+from flexhinf.certify.checker.gravity import slope_bounds
+from flexhinf.design.responses import with_values
+from flexhinf.design.workspace.masses import (
+    OF_INERTIA,
+    POSES,
+    PROPORTIONAL,
+    StatedErrors,
+    stated_errors,
+)
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import Sector
-from flexhinf.plant.joints import coupling_of, link_compliance
+from flexhinf.numerals import at_most
+from flexhinf.plant.joints import coupling_of, elastic_joints, link_compliance
 from flexhinf.robot import Robot
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
@@ -37,6 +53,32 @@ ROOM, EXACT = 1e-6, 1e-9
 WIDER = 1.05
 
 Numbers = dict[str, Any]
+
+
+def file_errors(setup: WorkspaceSetup) -> StatedErrors:
+    """The sectors of a setup's robots, by their tolerances, with gravity's slope.
+
+    The slope is a bound at every pose where bodies are known, else a twentieth more than at sampled poses.
+    """
+    stated = stated_errors(setup)
+    if (arm := _arm(setup)) is not None:
+        slope, poses = float(arm["slope"]), 0
+    else:
+        slope, poses = WIDER * _sampled_slope(setup), POSES
+    slope = float(at_most(slope, 3))
+    return stated._replace(errors=stated.errors._replace(slope=Sector(slope, slope)), slope_poses=poses)
+
+
+def _sampled_slope(setup: WorkspaceSetup) -> float:
+    """The largest slope of gravity over the stiffness at sampled poses, of robots with all masses at their largest."""
+    robot = setup.true.robot
+    heavy = {p.name: p.interval[1] for p in robot.uncertain if PROPORTIONAL.match(p.name)}
+    plant, largest = with_values(setup.true_plant, robot.varied(heavy)), 0.0
+    root = np.sqrt(setup.law.joints.stiffness)
+    for pose in setup.workspace.sample(POSES, POSES_SEED):
+        joints = elastic_joints(plant, *robot.operating_point(pose), rigid=True, coupled=True)
+        largest = max(largest, *np.abs(np.linalg.eigvals(joints.gravity_slope / np.outer(root, root))))
+    return float(largest)
 
 
 class Everywhere(NamedTuple):
@@ -57,7 +99,7 @@ def everywhere(
     arm = _arm(setup)
     if arm is None:
         return None
-    sectors = [_body_sector(body) for body in arm["bodies"]]
+    sectors = [body.pop("sector") for body in arm["bodies"]]
     bodies = Sector(*(max(part) for part in zip(*sectors)))
     if not (bodies.lower <= proved.lower and bodies.upper <= proved.upper):
         return None
@@ -82,13 +124,35 @@ def _arm(setup: WorkspaceSetup) -> Numbers | None:
     if own.rigid or coupling_of(setup.law.plant) is not None or own.links != true.links:
         return None
     parts = _Parts(own, true)
+    gravity = max(true_gravity(true))
     numbers: Numbers = {
+        "gravity": [gravity * float(entry) for entry in own.links.down],
+        "slope": None,
         "joints": list(_joints(setup)),
         "bodies": [parts.body(name) for name in own.joint_names],
         "payloads": list(parts.payloads()),
     }
     held = all(p.name in parts.used for p in true.uncertain if p.name.startswith(OF_INERTIA))
-    return numbers if held and _is_the_plants(setup, numbers) else None
+    if not held or not _is_the_plants(setup, numbers):
+        return None
+    for body in numbers["bodies"]:
+        body["sector"] = _body_sector(body)
+    exact = dict.fromkeys(("lower", "upper", "bodies_lower", "bodies_upper"), 0.0)
+    return numbers | {"slope": _slope(arm_claim({**numbers, **exact, "range": None}))}
+
+
+def true_gravity(robot: Robot) -> tuple[float, ...]:
+    """The ends of the acceleration of free fall."""
+    return next(p.interval for p in robot.parameters if p.name == "gravity")
+
+
+def _slope(claim: ArmClaim) -> float:
+    """γ, a little more than the largest eigenvalue of the bounds of gravity's slope over the stiffness."""
+    bounds = slope_bounds(claim.joints, claim.gravity, weights_of(claim))
+    whole = np.array([[float(entry.upper()) for entry in row] for row in bounds])
+    root = np.sqrt([float(joint.stiffness) for joint in claim.joints])
+    largest = float(np.linalg.eigvalsh(whole / np.outer(root, root))[-1])
+    return largest * (1.0 + ROOM) if largest > 0.0 else 0.0
 
 
 class _Parts:
@@ -113,10 +177,18 @@ class _Parts:
         if isinstance(self._robot.links, Pendulum):
             # its inertia is stated about the axis, and nothing else counts
             about = self._interval("link_inertia", joint)
-            self.used |= {"mass", "length"}
             inertia = [about if name in ("xx", "yy", "zz") else zero for name in INERTIA]
-            return {"mass": [1.0, 1.0, 1.0], "centre": [zero] * 3, "inertia": inertia, "scale": scale}
+            mass, length = (self._interval(name, joint) for name in ("mass", "length"))
+            moment = [own * other for own, other in zip(mass, length)]
+            return {
+                "mass": [1.0, 1.0, 1.0],
+                "centre": [zero] * 3,
+                "inertia": inertia,
+                "scale": scale,
+                "moment": moment,
+            }
         return {
+            "moment": None,
             "mass": self._interval("mass", joint),
             "centre": [self._interval(f"centre_of_mass_{x}", joint) for x in VECTOR],
             "inertia": [self._interval(f"inertia_{xx}", joint) for xx in INERTIA],

@@ -34,8 +34,19 @@ class StatedErrors(NamedTuple):
     """What a file's tolerances do to the inverse inertia matrix, by masses and payloads, and to the stiffness."""
 
     errors: Errors
-    poses: int  # at which it was looked at; 0 where it holds at every pose
+    poses: int  # at which masses were looked at; 0 where their errors hold at every pose
     others: tuple[str, ...]  # uncertain quantities that it does not hold
+    slope_poses: int = 0  # the same of gravity's slope
+
+    @property
+    def of_tolerances(self) -> StatedErrors:
+        """The same without gravity's slope, which no tolerance makes."""
+        return self._replace(errors=self.errors._replace(slope=EXACT))
+
+    @property
+    def parts(self) -> tuple[Errors, Errors]:
+        """What tolerances make, and gravity's slope."""
+        return self.of_tolerances.errors, Errors(EXACT, EXACT, self.errors.slope)
 
 
 def stated_errors(setup: WorkspaceSetup) -> StatedErrors:

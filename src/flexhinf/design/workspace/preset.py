@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.specification import PROVED, Specification
-from flexhinf.design.workspace.masses import OF_INERTIA, StatedErrors, stated_errors
+from flexhinf.design.workspace.everywhere import file_errors
+from flexhinf.design.workspace.masses import OF_INERTIA, StatedErrors
 from flexhinf.design.workspace.pair_proof import SPRUNG, largest_certificate
 from flexhinf.design.workspace.proof import (
     REPORTED,
@@ -78,7 +79,7 @@ class _Box:
     _stated: StatedErrors | None = None  # the same for all candidates
 
     def _stated_of(self, setup: WorkspaceSetup) -> StatedErrors:
-        self._stated = self._stated or stated_errors(setup)
+        self._stated = self._stated or file_errors(setup)
         return self._stated
 
     def is_tolerated(self, setup: WorkspaceSetup) -> bool:
@@ -86,14 +87,17 @@ class _Box:
         if setup.gains.weights in self.left:
             return False
         self.progress(f"errors that are tolerated at {setup.gains.weights.bandwidth:g} rad/s, computed")
-        found = popov_tolerance(sampled_pairs(setup), self._stated_of(setup).errors, REPORTED)
+        shape, slope = self._stated_of(setup).parts
+        found = popov_tolerance(sampled_pairs(setup), shape, REPORTED, slope)
         return SPRUNG[0] * found.share >= 1.0
 
     def proved(self, setup: WorkspaceSetup) -> CertifiedErrors:
         """What is proved: all of them, or less."""
         stated = self._stated_of(setup)
-        found = largest_certificate(sampled_pairs(setup), stated.errors, self.progress, whole=True)
-        return CertifiedErrors(stated, *found)
+        shape, slope = stated.parts
+        return CertifiedErrors(
+            stated, *largest_certificate(sampled_pairs(setup), shape, self.progress, slope, whole=True)
+        )
 
 
 def check_provable(robot: Robot, s: Specification) -> None:
@@ -128,7 +132,7 @@ def check_provable(robot: Robot, s: Specification) -> None:
 
 def proved_requirement(proof: WorkspaceProof) -> Requirement:
     """The requirement of the preset: the least of what is proved, as a part of what the file states."""
-    pairs = zip(proof.errors.numbers, proof.stated.errors.numbers)
+    pairs = zip(proof.errors.numbers, proof.stated.of_tolerances.errors.numbers)
     part = min((own / needed for own, needed in pairs if needed), default=float(proof.is_stated))
     return Requirement(
         "proved part of the file's errors of masses and springs",

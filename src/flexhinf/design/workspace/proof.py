@@ -17,8 +17,8 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
 from flexhinf.certify.checker.pairs import CheckedPairs, PairClaim, check_pairs, pair_claim
-from flexhinf.design.workspace.everywhere import Everywhere, everywhere
-from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses, stated_errors
+from flexhinf.design.workspace.everywhere import Everywhere, everywhere, file_errors
+from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
@@ -50,8 +50,14 @@ class CertifiedErrors:
 
     @property
     def is_stated(self) -> bool:
-        """Whether all that the file states is within what is proved."""
+        """Whether all that the file states is within what is proved, with gravity's slope."""
         return self.checked is not None and self.stated.errors.within(proved_errors(self.checked))
+
+    @property
+    def holds_tolerances(self) -> bool:
+        """The same but for gravity's slope."""
+        own = self.stated.of_tolerances.errors
+        return self.checked is not None and own.within(proved_errors(self.checked))
 
 
 def proved_errors(checked: CheckedPairs | None) -> Errors:
@@ -84,7 +90,14 @@ class WorkspaceProof(NamedTuple):
     @property
     def is_stated(self) -> bool:
         """Whether the masses, payloads and springs of the file's tolerances are within what is proved."""
-        return self.checked is not None and self.stated.errors.within(self.errors)
+        return self.checked is not None and self.stated.of_tolerances.errors.within(self.errors)
+
+    @property
+    def has_slope(self) -> bool:
+        """Whether gravity's slope is within what is proved; also where there is none."""
+        return self.stated.errors.slope == EXACT or (
+            self.checked is not None and self.stated.errors.slope.upper <= self.errors.slope.upper
+        )
 
     @property
     def has_like_motors(self) -> bool:
@@ -102,7 +115,7 @@ class WorkspaceProof(NamedTuple):
     def covers_file(self) -> bool:
         """Whether the proof is of all that the file states of masses and springs; of something, where it states
         nothing."""
-        return self.is_stated if self.stated.errors.largest else self.is_proved
+        return self.is_stated if self.stated.of_tolerances.errors.largest else self.is_proved
 
 
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
@@ -131,28 +144,40 @@ def prove_workspace(
     loaded: Robot | None = None,
 ) -> WorkspaceProof:
     """The proof of symmetric errors of masses, beside the file's errors of springs; where these do not hold the file's,
-    of masses in its proportion, or of all that it states; where nothing is proved, of masses alone.
+    of masses in its proportion, or of all that it states; where nothing is proved, of masses alone. Gravity's slope is
+    in it where the file's errors are proved beside it.
 
     `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
     """
-    pairs, stated = sampled_pairs(setup), stated_errors(setup)
-    masses, springs = Errors(stated.errors.masses), Errors(EXACT, stated.errors.springs)
+    pairs, stated = sampled_pairs(setup), file_errors(setup)
+    found = _proved(pairs, stated, progress)
+    if stated.errors.slope != EXACT and not found.is_stated:
+        without = _proved(pairs, stated.of_tolerances, progress)
+        if found.checked is None or (without.holds_tolerances and not found.holds_tolerances):
+            found = CertifiedErrors(stated, without.tolerance, without.numbers)
+    return with_others(setup, found, progress, loaded)
+
+
+def _proved(pairs: SampledPairs, stated: StatedErrors, progress: Callable[[str], None]) -> CertifiedErrors:
+    """The proof of what is stated, as of `prove_workspace`."""
+    whole, slope = stated.parts
+    masses, springs = Errors(stated.errors.masses), stated.errors._replace(masses=EXACT)
     shapes = [(SYMMETRIC, springs)]
     if min(masses.masses) < max(masses.masses):
         shapes.append((masses, springs))
-    if springs.largest:
-        shapes.append((stated.errors, NONE))
+    if max(stated.errors.springs) > 0.0:
+        shapes.append((whole, slope))
     kept = None
     for shape, fixed in shapes:
-        found = largest_certificate(pairs, shape, progress, fixed, whole=shape is stated.errors)
+        found = largest_certificate(pairs, shape, progress, fixed, whole=max(shape.springs) > 0.0)
         one = CertifiedErrors(stated, *found)
         kept = one if kept is None or one.is_stated or kept.checked is None else kept
         if kept.is_stated:
             break
     assert kept is not None
-    if springs.largest and kept.checked is None:
+    if max(stated.errors.springs) > 0.0 and kept.checked is None:
         kept = CertifiedErrors(stated, *largest_certificate(pairs, SYMMETRIC, progress))
-    return with_others(setup, kept, progress, loaded)
+    return kept
 
 
 def with_others(
@@ -233,6 +258,8 @@ def _arm_beyond(arm: CheckedArm, found: CheckedPairs) -> str:
         return "of its arm that it has vibrations beyond those of the pairs"
     if arm.lower > found.lower or arm.upper > found.upper:
         return "of its arm that masses have larger errors"
+    if max(found.falling, found.holding_up) and (arm.slope or 0.0) > min(found.falling, found.holding_up):
+        return "of its arm that gravity has a larger slope"
     return ""
 
 
