@@ -59,6 +59,7 @@ from flexhinf.pages.workspace_summary import (
     columns_of,
     command_text,
     estimates_text,
+    gamma_source,
     key_numbers,
     margin_text,
     missed_text,
@@ -192,9 +193,8 @@ def _proof_statuses(design: WorkspaceEvidence) -> list[Badge]:
         return [Badge("not proved", f"{tested} {stability_text(design.setup, design.robustness.proved)}")]
     held = f" It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else ""
     kind = "proved" if proof.covers_file else "not proved"
-    own = Badge(kind, f"{preset_proof_text(design)}{held}")
     return [
-        own,
+        Badge(kind, f"{preset_proof_text(design)}{held}"),
         Badge("not proved", f"Moves, noise and limits of inputs: {tested.lower()} {others_text(proof)}"),
     ]
 
@@ -463,7 +463,7 @@ def _law_table(design: WorkspaceEvidence) -> Table:
         ("largest bandwidth of a soft vibration", f"{w.share:g} × its frequency", "ours"),
         ("damping ratio of vibrations", f"{w.damping:g}, fading out at {w.fast:g} rad/s", "ours"),
         ("weight of the integral", f"{w.integral:g}", "ours"),
-        ("γ/γ*", f"{w.gamma:g}", "ours"),
+        ("γ/γ*", f"{w.gamma:g}", gamma_source(design)),
         (
             "motors made alike: √κ, β",
             f"{number(np.sqrt(gains.motor), 3)} rad/s, {number(gains.damping, 3)} 1/s",

@@ -17,7 +17,7 @@ from flexhinf.design.verdict import estimated_text
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import UNHELD, missed_by
 from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
-from flexhinf.design.workspace.search import motors_alone
+from flexhinf.design.workspace.search import GAMMA, motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.numerals import number
@@ -87,12 +87,21 @@ def preset_proof_text(design: WorkspaceEvidence) -> str:
     """What is proved, where that was asked for, and how the law was chosen; "" otherwise."""
     if design.proof is None:
         return ""
-    chosen = (
-        "The law is the fastest found that keeps the limits at the poses of the search and is proved for this."
-        if design.proof.is_stated
-        else "No law of the search was proved for them, so this is the one that is found without the preset."
-    )
+    chosen = "No law of the search was proved for them, so this is the one that is found without the preset."
+    if design.proof.is_stated:
+        chosen = (
+            "The law is the fastest found that keeps the limits at the poses of the search and is proved for this, "
+            f"with γ = {design.setup.gains.weights.gamma:g} γ*, {gamma_source(design)}."
+        )
     return f"{proof_text(design.proof)} {chosen}"
+
+
+def gamma_source(design: WorkspaceEvidence) -> str:
+    """Why the law has its γ."""
+    if design.proof is None:
+        return "ours"
+    usual = design.setup.gains.weights.gamma == GAMMA
+    return "the usual one" if usual else f"as no law of this bandwidth was proved with the usual {GAMMA:g}"
 
 
 def estimates_text(robot: Robot) -> str:

@@ -38,6 +38,9 @@ MODAL_POSES, CORNERS = 500, 4
 #: Bandwidths that are tried, rad/s, the fastest first; weight of integrals, and γ/γ*.
 BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
 
+#: Other γ/γ* at a bandwidth whose law with `GAMMA` keeps the limits, but does not tolerate what is asked.
+OTHER_GAMMAS = (1.2, 2.0, 4.0)
+
 #: Largest bandwidth of a soft pair, as a multiple of √λ, without and with dry friction. Friction nearly holds a motor
 #: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle. Without friction,
 #: twice √λ and more holds unknown loads better; 1.5 was chosen when bare steps at the motors' limits did not come to
@@ -102,7 +105,7 @@ def tuned_setup(
 
     `tick` is called before each pose; what it raises ends the search.
     """
-    chosen = fastest_setup(robot, s, workspace, progress, tick, lambda setup: True)
+    chosen = fastest_setup(robot, s, workspace, progress, tick, list)
     assert chosen is not None
     return chosen
 
@@ -113,12 +116,13 @@ def fastest_setup(
     workspace: Workspace,
     progress: Callable[[str], None],
     tick: Callable[[], None],
-    is_tolerated: Callable[[WorkspaceSetup], bool],
+    tolerant: Callable[[Sequence[WorkspaceSetup]], list[WorkspaceSetup]],
 ) -> WorkspaceSetup | None:
-    """As `tuned_setup`, of laws of which something is tolerated; None where there is none.
+    """As `tuned_setup`, of laws that tolerate something; None where there is none.
 
-    `is_tolerated` is asked only of what is nearer to the requirements than all before. A law of which it is not is
-    left, with all its estimators.
+    `tolerant` gives those of some laws that do, the one that tolerates most first. It is asked only of what is nearer
+    to the requirements than all before. A law that does not is left, with all its estimators; if it keeps the limits,
+    `OTHER_GAMMAS` are tried at its bandwidth before a slower one.
     """
     poses = ChosenPoses(robot, s, workspace, 2 if motors_alone(robot, s) else 4, tick)
     chosen: WorkspaceSetup | None = None
@@ -128,16 +132,22 @@ def fastest_setup(
     for estimators in _candidates(robot, poses.wanted, workspace, progress):
         if least is not None and not any(least[:3]):
             break
-        before = chosen
-        for setup, excess in zip(estimators, poses.excesses(estimators, least)):
-            if excess is None or (least is not None and excess.tolist() >= least):
-                continue
-            if not is_tolerated(setup):
+        before, laws = chosen, [estimators]
+        while laws:
+            own = laws.pop(0)
+            for setup, excess in zip(own, poses.excesses(own, least)):
+                if excess is None or (least is not None and excess.tolist() >= least):
+                    continue
+                if not tolerant([setup]):
+                    if own is estimators and not any(excess[:2]):
+                        laws = _with_other_gammas(setup, own, progress, tolerant)
+                    break
+                if least is not None and chosen is before and faster is None and not least[0]:
+                    faster = before
+                chosen, least = setup, (LESS * excess).tolist()
+                damped += [setup] * bool(0.0 < excess[0] < DAMPED)
+            if least is not None and not any(least[:2]):
                 break
-            if least is not None and chosen is before and faster is None and not least[0]:
-                faster = before
-            chosen, least = setup, (LESS * excess).tolist()
-            damped += [setup] * bool(0.0 < excess[0] < DAMPED)
         if least is not None and not any(least):
             break
     if chosen is None or least is None:
@@ -149,6 +159,27 @@ def fastest_setup(
         return chosen
     faster = replace(faster, specification=s)
     return faster if tolerates(faster, TOLERATED) and 1.0 < missed(chosen) > missed(faster) else chosen
+
+
+def _with_other_gammas(
+    refused: WorkspaceSetup,
+    estimators: Sequence[WorkspaceSetup],
+    progress: Callable[[str], None],
+    tolerant: Callable[[Sequence[WorkspaceSetup]], list[WorkspaceSetup]],
+) -> list[list[WorkspaceSetup]]:
+    """The same estimators with each law of another γ that tolerates what a law does not, as `fastest_setup` orders
+    them."""
+    weights, found = refused.gains.weights, list[WorkspaceSetup]()
+    progress(f"gains of the pairs: {weights.bandwidth:g} rad/s, other γ")
+    for gamma in OTHER_GAMMAS:
+        own = replace(weights, gamma=gamma)
+        try:
+            found.append(
+                known_setup(refused.robot, refused.specification, refused.workspace, own, refused.random)
+            )
+        except NumericalFailure:
+            continue
+    return [[replace(one, law=other.law) for one in estimators] for other in tolerant(found)]
 
 
 def _following(chosen: WorkspaceSetup, others: Sequence[WorkspaceSetup]) -> WorkspaceSetup:
