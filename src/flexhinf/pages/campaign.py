@@ -29,6 +29,7 @@ from flexhinf.design.campaign_folder import (
     stored_request,
     verdict_of,
 )
+from flexhinf.design.workspace.preset import PROVED_PART
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
 from flexhinf.numerals import number, short_numbers
@@ -225,11 +226,17 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
 
 def _proof_text(judged: CampaignJudgement) -> str:
     """What is sampled, and what is proved, in a line."""
-    certify = " flexhinf certify DESIGN says what is proved of its controller."
-    designed = verdict_of(judged.table.journal) is not None
-    return (
-        f"Sampled: {judged.count} robots and their runs, none between. Proved: nothing.{certify * designed}"
-    )
+    design = verdict_of(judged.table.journal)
+    sampled = f"Sampled: {judged.count} robots and their runs, none between."
+    if design is None:
+        return f"{sampled} Proved: nothing."
+    if PROVED_PART in design.names:
+        part = "not all" if any(text.startswith(PROVED_PART) for text in design.missed) else "all"
+        return (
+            f"{sampled} Proved: that small motions of the design about rest tolerate {part} errors of masses and "
+            "springs of its file, under the hypotheses of its report; nothing of the runs."
+        )
+    return f"{sampled} Proved: nothing of the runs. flexhinf certify DESIGN says what is proved of its controller."
 
 
 # Success and failures ----------------------------------------------------------------------------------------
