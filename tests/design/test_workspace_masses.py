@@ -10,7 +10,9 @@ from benchmarks.workspace.robots import ROBOTS
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.responses import with_values
+from flexhinf.design.workspace import search
 from flexhinf.design.workspace.masses import POSES, largest_masses, stated_errors
+from flexhinf.design.workspace.proof import RANGE_POSES, RANGE_SEED, poses_outside
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -61,6 +63,23 @@ def test_masses_in_per_cent_hold_at_poses_that_nobody_looked_at(setup):
     assert high <= stated.errors.masses.upper + 1e-9
     assert -low > 0.9 * stated.errors.masses.lower
     assert high > 0.9 * stated.errors.masses.upper
+
+
+@pytest.mark.costs("the law of a robot")
+def test_a_range_of_vibrations_is_judged_at_poses_that_did_not_choose_it(setup):
+    """By eigenvalues of the joints' stiffness and inertia, which are those of a generalised problem."""
+    low, high = setup.gains.ends
+    assert RANGE_SEED != search.CHOSEN_SEED
+    assert poses_outside(setup, low, high) == 0
+    model, own = link_compliance(setup.law.plant), setup.law.plant.parameters.vector()
+    stiffness = np.diag(setup.robot.plant_parameters()["stiffness"])
+    squares = [
+        np.linalg.eigvals(model.matrix(pose, own) @ stiffness).real
+        for pose in setup.workspace.sample(RANGE_POSES, RANGE_SEED)
+    ]
+    least, most = np.quantile(np.min(squares, axis=1), 0.1), np.quantile(np.max(squares, axis=1), 0.8)
+    outside = sum((each.min() < least) | (each.max() > most) for each in squares)
+    assert 0.2 * RANGE_POSES <= outside == poses_outside(setup, least, most)
 
 
 @pytest.mark.ci("the law of a robot, and many corners")

@@ -11,7 +11,13 @@ from flexhinf.certify.checker.arm import CheckedArm
 from flexhinf.certify.checker.pairs import ERRORS
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
-from flexhinf.design.workspace.proof import PairVerdict, WorkspaceProof, modal_filter, proved_errors
+from flexhinf.design.workspace.proof import (
+    RANGE_POSES,
+    PairVerdict,
+    WorkspaceProof,
+    modal_filter,
+    proved_errors,
+)
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
@@ -145,9 +151,10 @@ def _loop_text(setup: WorkspaceSetup) -> str:
 def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     """What the theorem holds for."""
     setup, checked = proof.setup, proof.checked
-    low, high = np.sqrt(proof.stable[:2] if checked is None else (checked.low, checked.high))
+    low, high = np.sqrt(proof.range)
     arm = proof.everywhere and proof.everywhere.checked
-    whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
+    chosen = f"random poses, others than the {MODAL_POSES} by which the range was chosen"
+    whole = f"; it does so at {proof.poses_inside} of {RANGE_POSES} {chosen}"
     if arm and arm.low is not None:
         whole = f"; it does so at every pose of the workspace, shown in {arm.boxes} boxes of poses"
     masses, (softer, stiffer), slope = proof.errors
@@ -207,25 +214,21 @@ LEFT_OUT = (
 SLOPE_LEFT_OUT = ("gravity's slope", "loops at poses, which have it")
 
 
-def _left_out(proof: WorkspaceProof) -> bool:
-    """Whether the workspace has vibrations of which nothing is proved."""
-    end = proof.stable.high if proof.checked is None else proof.checked.high
-    return end < proof.setup.gains.ends[1]
-
-
 def proof_text(proof: WorkspaceProof) -> str:
     """The first line: what is proved for the tolerances and the payload of the file."""
     stated, checked = proof.stated, proof.checked
-    where, file_errors = f"at {stated.poses or MODAL_POSES} sampled poses", stated.errors
+    file_errors, where = stated.errors, ""
     if proof.everywhere is not None and proof.is_stated:
         arm = proof.everywhere.checked
         file_errors = file_errors._replace(masses=Sector(arm.lower, arm.upper))
-        where = f"at {MODAL_POSES} sampled poses" if arm.low is None else "at every pose of the workspace"
+        where = "" if arm.low is None else "at every pose of the workspace"
     if checked is None:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
         return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
-    proved = errors_text(proof.errors)
+    proved, inside = errors_text(proof.errors), proof.poses_inside
+    by_errors = 0 < stated.poses < inside == RANGE_POSES
+    where = where or f"at {stated.poses if by_errors else f'{inside} of {RANGE_POSES}'} sampled poses"
     if not stated.of_tolerances.errors.largest:
         return f"Proved for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -23,6 +23,7 @@ from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
+from flexhinf.modal.law import modes
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
 from flexhinf.modal.popov import EXACT, NONE, SYMMETRIC, Errors, Sector
 from flexhinf.modal.sampled_pairs import SampledPairs
@@ -32,6 +33,9 @@ from flexhinf.robot.file_keys import is_dict
 
 #: λ at which a report computes a tolerance.
 REPORTED = 12
+
+#: Poses, and their seed, at which it is judged whether all vibrations are in a range that other poses have chosen.
+RANGE_POSES, RANGE_SEED = 2000, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +111,17 @@ class WorkspaceProof(NamedTuple):
         return bool(np.ptp(ratio) <= 1e-9 * ratio.max())
 
     @property
+    def range(self) -> tuple[float, float]:
+        """The λ of which something is proved, 1/s²."""
+        known = self.stable if self.checked is None else self.checked
+        return known.low, known.high
+
+    @property
+    def poses_inside(self) -> int:
+        """How many of `RANGE_POSES` have all their vibrations there."""
+        return RANGE_POSES - poses_outside(self.setup, *self.range)
+
+    @property
     def errors(self) -> Errors:
         """What is proved to be tolerated; nothing where no error is."""
         return proved_errors(self.checked)
@@ -121,6 +136,14 @@ class WorkspaceProof(NamedTuple):
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
     """The pairs of a setup, with its latency and its estimator."""
     return SampledPairs(setup.gains, setup.specification.known_latency, modal_filter(setup))
+
+
+@lru_cache(8)
+def poses_outside(setup: WorkspaceSetup, low: float, high: float) -> int:
+    """At how many of `RANGE_POSES` the model has a vibration outside of a range of λ, 1/s²."""
+    poses = setup.workspace.sample(RANGE_POSES, RANGE_SEED)
+    links = modes(setup.law.plant, poses, setup.law.joints.stiffness)
+    return int(((links < low) | (links > high)).any(axis=1).sum())
 
 
 def computed_tolerance(setup: WorkspaceSetup) -> PopovTolerance:
