@@ -16,6 +16,7 @@ from flexhinf.design.workspace import preset, search
 from flexhinf.design.workspace.preset import selected_law
 from flexhinf.errors import NumericalFailure
 from flexhinf.modal.pair import PairWeights
+from flexhinf.pages import campaign
 from flexhinf.robot.workspace import workspace_of
 
 USUAL = search.GAMMA
@@ -142,3 +143,20 @@ def test_a_robot_of_wide_tolerances_is_proved_with_another_gamma(monkeypatch: py
     assert box.proved(setup).is_stated
     monkeypatch.setattr(search, "OTHER_GAMMAS", ())
     assert chosen().gains.weights.bandwidth < 40.0
+
+
+@pytest.mark.parametrize(
+    ("names", "missed", "line"),
+    [
+        ([preset.PROVED_PART], [], "tolerate all errors"),
+        ([preset.PROVED_PART], [f"{preset.PROVED_PART}: 60 % (at least 100 %)"], "tolerate not all errors"),
+        (["ripple"], [], "Proved: nothing of the runs. flexhinf certify"),
+    ],
+)
+def test_a_campaign_says_what_is_proved_of_its_design(names: list[str], missed: list[str], line: str) -> None:
+    """It said that nothing is, whatever the design had."""
+    about = {"options": {}, "design": {"requirements": names, "not_met": missed}}
+    judged: Any = SimpleNamespace(count=4, table=SimpleNamespace(journal=SimpleNamespace(about=about)))
+    text = campaign._proof_text(judged)
+    assert text.startswith("Sampled: 4 robots")
+    assert line in text
