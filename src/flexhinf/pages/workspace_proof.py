@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm
+from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim
 from flexhinf.certify.checker.pairs import ERRORS
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
+from flexhinf.design.workspace.moves import ProvedMoves
 from flexhinf.design.workspace.proof import (
     RANGE_POSES,
     PairVerdict,
@@ -310,6 +312,38 @@ def _largest_text(proof: WorkspaceProof) -> str:
     return f"It would hold for {tolerances}{payload}" + (f"; {decay}." if decay else ".")
 
 
+#: For which loops a speed of moves is proved.
+FROZEN = (
+    "with the model's own masses and springs, the arm of a sample held for its period, and no Coriolis forces"
+)
+
+
+def moves_text(proof: WorkspaceProof) -> str:
+    """Up to which speeds the loop is proved to stay stable along moves, and what limits these."""
+    moves, robot = proof.moves, proof.setup.robot
+    if proof.checked is None:
+        return ""
+    if moves is None:
+        return "Moves: nothing is proved of poses that change."
+    text = (
+        "Moves: proved to stay stable while the inertia matrix changes by less than "
+        f"{at_least(moves.checked.rate, 3)} per second, relative to itself"
+    )
+    if not moves.together:
+        return f"{text}; no joint changes it ({FROZEN})."
+    together = f"{at_least(100.0 * moves.share, 3)} % of their speed limits"
+    if not moves.has_limits:
+        together = f"{at_least(moves.share, 3)} rad/s" + " or m/s" * any(robot.links.slides)
+    joint, speed = moves.slowest
+    unit = "m/s" if robot.links.slides[joint] else "rad/s"
+    where = f"at {moves.poses} sampled poses" if moves.poses else "at every pose of the workspace"
+    limit = (
+        f" Vibrations of {number(np.sqrt(moves.tightest), 3)} rad/s limit it." if moves.share < 1.0 else ""
+    )
+    alone = f"{robot.joint_names[joint]} alone at {at_least(speed, 3)} {unit}"
+    return f"{text}: all joints at once at {together}, or {alone}, {where} ({FROZEN}).{limit}"
+
+
 def _proof_table(proof: WorkspaceProof) -> Table:
     """What is proved, computed, found and stated."""
     stated, rows = proof.stated, _range_rows(proof.setup, proof.stable)
@@ -345,6 +379,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
         Paragraph(f"{proof_text(proof)} It holds for:"),
         Bullets(hypotheses(proof), numbered=True),
         Paragraph(_largest_text(proof)),
+        *([Paragraph(moves_text(proof))] if proof.checked is not None else []),
         Paragraph(
             "The proof is by matrix inequalities in ball arithmetic, which bounds its own rounding: in each "
             f"of {count_text(intervals, 'interval')} of the vibrations a quadratic storage "
@@ -389,7 +424,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
             Badge("proved" if proof.covers_file and proof.checked else "not proved", proof_text(proof)),
             Badge(
                 "not proved",
-                "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "
+                "Coriolis forces, noise, limits of inputs and the hypotheses themselves; these are tested. "
                 + others_text(proof),
             ),
             *design_statuses(verdict),
@@ -404,6 +439,7 @@ def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> End
         proof_text(proof),
         f"It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else "",
         _largest_text(proof),
+        moves_text(proof),
         _unstable_text(proof),
         others_text(proof),
         f"{own[:1].upper()}{own[1:]}.",
@@ -441,6 +477,25 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
         "pairs": proof.numbers,
         "everywhere": None if proof.everywhere is None else proof.everywhere.checked._asdict(),
         "arm": None if proof.everywhere is None else proof.everywhere.arm,
+        **_moves_numbers(proof.moves),
+    }
+
+
+def _moves_numbers(moves: ProvedMoves | None) -> dict[str, object]:
+    """What the checker reads of moves, what it finds, and what joints do."""
+    if moves is None:
+        return {"moves": None, "moving": None, "speeds": None}
+    return {
+        "moves": moves.numbers,
+        "moving": moves.checked._asdict(),
+        "speeds": {
+            "limits": moves.limits.tolist(),
+            "share": moves.share if np.isfinite(moves.share) else None,
+            "together": moves.together,
+            "alone": moves.alone.tolist(),
+            "poses": moves.poses,
+            "tightest": moves.tightest,
+        },
     }
 
 
@@ -465,8 +520,22 @@ def pair_text(verdict: PairVerdict) -> str:
     return (
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
         f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file, in "
-        f"{count_text(found.intervals, 'interval')}. {_arm_text(verdict.arm)}"
+        f"{count_text(found.intervals, 'interval')}. {_arm_text(verdict.arm)}{_checked_moves_text(verdict.moves)}"
     )
+
+
+def _checked_moves_text(moves: tuple[MovesClaim, CheckedMoves] | None) -> str:
+    """What the checker says of the moves of a proof.json."""
+    if moves is None:
+        return ""
+    claim, found = moves
+    rate = f"{at_least(found.rate, 3)} per second"
+    text = f" Along moves they stay stable while the inertia matrix changes by less than {rate}"
+    if claim.turnings:
+        speeds, most = claim.turnings[0]
+        together = ", ".join(at_least(found.rate / most * speed, 3) for speed in speeds.tolist())
+        text += f", which joints do at no pose up to ({together}) rad/s or m/s at once"
+    return f"{text} ({FROZEN})."
 
 
 def _arm_text(arm: CheckedArm | None) -> str:

@@ -16,9 +16,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
+from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim, check_moves, moves_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, PairClaim, check_pairs, pair_claim
 from flexhinf.design.workspace.everywhere import Everywhere, everywhere, file_errors
 from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses
+from flexhinf.design.workspace.moves import ProvedMoves, proved_moves
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
@@ -85,6 +87,7 @@ class WorkspaceProof(NamedTuple):
     largest: LargestMasses | None = None  # for which the proof would still hold; None without proved errors
     unstable_springs: UnstableError | None = None  # the same of the stiffness; None where that is exact
     everywhere: Everywhere | None = None  # what is shown at every pose; None where poses are sampled
+    moves: ProvedMoves | None = None  # how fast poses may change; None where that is not proved
 
     @property
     def is_proved(self) -> bool:
@@ -218,14 +221,15 @@ def with_others(
     )
     if springs != EXACT:
         proof = proof._replace(unstable_springs=smallest_unstable(pairs, several, of_springs=True))
-    if proof.checked is None:
+    if proof.checked is None or proof.numbers is None:
         return proof
-    masses = proof.errors.masses
+    masses, ends = proof.errors.masses, (proof.checked.low, proof.checked.high)
+    shown = everywhere(setup, masses, ends, found.stated.errors.masses)
+    progress("speed of moves")
     return proof._replace(
         largest=largest_masses(setup, masses, loaded or setup.true.robot),
-        everywhere=everywhere(
-            setup, masses, (proof.checked.low, proof.checked.high), found.stated.errors.masses
-        ),
+        everywhere=shown,
+        moves=proved_moves(setup, pairs, proof.numbers, shown and shown.arm),
     )
 
 
@@ -237,6 +241,9 @@ class PairVerdict(NamedTuple):
     failed: tuple[float, float] | None = None  # λ of the interval in which it does, 1/s²
     beyond: str = ""  # what the file says is proved beyond what the check finds
     arm: CheckedArm | None = None  # what holds at every pose; None where the file says nothing of it
+    moves: tuple[MovesClaim, CheckedMoves] | None = (
+        None  # how fast poses may change; None where it says nothing
+    )
 
     @property
     def is_proved(self) -> bool:
@@ -262,9 +269,10 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     found = check_pairs(claim)
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
-    beyond, arm = _beyond(numbers.get("proved"), found), None
+    beyond, arm, body, moves = _beyond(numbers.get("proved"), found), None, None, None
     if is_dict(own := numbers.get("arm")):
-        checked = check_arm(arm_claim(own))
+        body = arm_claim(own)
+        checked = check_arm(body)
         if isinstance(checked, str):
             beyond = beyond or f"that {checked} is within what is proved at every pose"
         else:
@@ -272,7 +280,17 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     stated = numbers.get("everywhere")
     if stated is not None and (arm is None or stated != arm._asdict()):
         beyond = beyond or "of every pose something else"
-    return PairVerdict(claim, found, beyond=beyond, arm=arm)
+    if is_dict(own := numbers.get("moves")):
+        moving = moves_claim(own, claim, body)
+        moved = check_moves(moving)
+        if isinstance(moved, str):
+            beyond = beyond or f"of its moves that {moved} is within what is proved"
+        else:
+            moves = moving, moved
+    stated = numbers.get("moving")
+    if stated is not None and (moves is None or stated != moves[1]._asdict()):
+        beyond = beyond or "of its moves something else"
+    return PairVerdict(claim, found, beyond=beyond, arm=arm, moves=moves)
 
 
 def _arm_beyond(arm: CheckedArm, found: CheckedPairs) -> str:
