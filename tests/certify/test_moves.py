@@ -12,14 +12,15 @@ from benchmarks.workspace.robots import ROBOTS
 from flint import arb, ctx
 from numpy.polynomial.chebyshev import chebval
 from scipy.linalg import expm
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 from tests.tiers import ci_and_night
 
 from flexhinf.certify.checker import moves as checker
 from flexhinf.certify.checker.arm import arm_claim
 from flexhinf.certify.checker.moves import CheckedMoves, check_moves, moves_claim
-from flexhinf.certify.checker.pairs import pair_claim
+from flexhinf.certify.checker.pairs import CheckedPairs, pair_claim
 from flexhinf.design import Specification
+from flexhinf.design.workspace import proof
 from flexhinf.design.workspace.everywhere import everywhere
 from flexhinf.design.workspace.moves import proved_moves, storage_numbers
 from flexhinf.design.workspace.pair_proof import claim_numbers
@@ -30,6 +31,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
 from flexhinf.modal.moves import fastest_moves, free_loop, storage_of
 from flexhinf.modal.popov import Errors, Multipliers, PairStorages, SampledPairs, Sector
+from flexhinf.numerals import at_least
+from flexhinf.pages.workspace_proof import pair_text
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot.workspace import workspace_of
 
@@ -316,6 +319,31 @@ def test_none_of_dozens_of_forged_and_damaged_files_is_accepted(found, tried):
     for _ in range(tried):
         with pytest.raises(InvalidInput, match="certificate"):
             moves_claim(damaged(numbers, rng), pair_claim(loop), None)
+
+
+@pytest.mark.ci("reads what the search shares with other tests")
+def test_a_proof_that_says_more_of_moves_than_its_certificate_is_not_proved(found, monkeypatch):
+    """Beside pairs that count as checked here."""
+    _, _, numbers, loop = found
+    pairs = CheckedPairs(*ENDS, *WIDE, 0.0, 0.0, 0.0, 1)
+    monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
+    checked = checked_of(numbers, loop)
+    assert isinstance(checked, CheckedMoves)
+    whole = {"pairs": loop, "proved": pairs._asdict(), "moves": numbers, "moving": checked._asdict()}
+    verdict = proof.pair_verdict(json.loads(json.dumps(whole)))
+    assert verdict.is_proved
+    assert unnamed(pair_text(verdict), "Proved", at_least(checked.rate, 3), "Coriolis") == []
+    faster = {**whole["moving"], "rate": checked.rate * (1.0 + 1e-15)}
+    turning = {"speeds": [1.0, 1.0], "rate": 100.0}
+    for changed in (
+        {"moving": faster},
+        {"moves": None},
+        {"moves": {**numbers, "change": 1.5 * numbers["change"]}},
+        {"moves": {**numbers, "turnings": [turning]}},
+    ):
+        verdict = proof.pair_verdict({**whole, **changed})
+        assert not verdict.is_proved
+        assert unnamed(pair_text(verdict), "Not proved", "moves") == []
 
 
 @pytest.mark.ci("reads what the search shares with other tests")

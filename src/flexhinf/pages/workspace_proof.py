@@ -319,9 +319,10 @@ FROZEN = (
 
 
 def moves_text(proof: WorkspaceProof) -> str:
-    """Up to which speeds the loop is proved to stay stable along moves, and what limits these."""
+    """Up to which speeds the loop is proved to stay stable along moves, and what limits these; of one joint nothing,
+    for it does not change its inertia."""
     moves, robot = proof.moves, proof.setup.robot
-    if proof.checked is None:
+    if proof.checked is None or len(robot.joint_names) == 1:
         return ""
     if moves is None:
         return "Moves: nothing is proved of poses that change."
@@ -379,7 +380,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
         Paragraph(f"{proof_text(proof)} It holds for:"),
         Bullets(hypotheses(proof), numbered=True),
         Paragraph(_largest_text(proof)),
-        *([Paragraph(moves_text(proof))] if proof.checked is not None else []),
+        *(Paragraph(text) for text in (moves_text(proof),) if text),
         Paragraph(
             "The proof is by matrix inequalities in ball arithmetic, which bounds its own rounding: in each "
             f"of {count_text(intervals, 'interval')} of the vibrations a quadratic storage "
@@ -534,7 +535,9 @@ def _checked_moves_text(moves: tuple[MovesClaim, CheckedMoves] | None) -> str:
     if claim.turnings:
         speeds, most = claim.turnings[0]
         together = ", ".join(at_least(found.rate / most * speed, 3) for speed in speeds.tolist())
-        text += f", which joints do at no pose up to ({together}) rad/s or m/s at once"
+        text += (
+            f"; it does at every pose of the arm with its joints at up to ({together}) rad/s, or m/s, at once"
+        )
     return f"{text} ({FROZEN})."
 
 

@@ -229,7 +229,7 @@ def with_others(
     return proof._replace(
         largest=largest_masses(setup, masses, loaded or setup.true.robot),
         everywhere=shown,
-        moves=proved_moves(setup, pairs, proof.numbers, shown and shown.arm),
+        moves=proved_moves(setup, pairs, proof.numbers, shown and shown.arm) if several else None,
     )
 
 
