@@ -105,14 +105,14 @@ def moves_claim(numbers: Mapping[str, Any], loop: PairClaim, arm: ArmClaim | Non
             raise ValueError("a storage has other shapes")
         if not isinstance(turnings, list) or len(turnings) > MOST or len(poles) > MOST:
             raise ValueError("no list of speeds, or too many numbers")
-        shown = [
+        speeds = [
             Turning(finite_numbers(one["speeds"], 1), float(finite_numbers(one["rate"], 0)))
             for one in turnings
         ]
-        if arm is not None and any(len(one.speeds) != len(arm.joints) for one in shown):
+        if arm is not None and any(len(one.speeds) != len(arm.joints) for one in speeds):
             raise ValueError("speeds of other joints than those of the arm")
     refuse_if(
-        not (0.0 < change < 1.0 and (poles > 0.0).all() and all(one.rate > 0.0 for one in shown)),
+        not (0.0 < change < 1.0 and (poles > 0.0).all() and all(one.rate > 0.0 for one in speeds)),
         "The moves of a certificate have numbers outside their ranges.",
         "expected a change between 0 and 1, positive poles and rates, got others",
         "the file that flexhinf certify has written",
@@ -124,7 +124,7 @@ def moves_claim(numbers: Mapping[str, Any], loop: PairClaim, arm: ArmClaim | Non
         matrices[..., rows, columns] = matrices[..., columns, rows] = triangles
         return matrices
 
-    return MovesClaim(loop, change, poles, whole(constant), whole(falling), whole(rising), arm, tuple(shown))
+    return MovesClaim(loop, change, poles, whole(constant), whole(falling), whole(rising), arm, tuple(speeds))
 
 
 def _states(loop: PairClaim) -> int:

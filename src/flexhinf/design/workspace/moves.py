@@ -77,9 +77,9 @@ def proved_moves(
     rates = _sampled_rates(setup, limits)
     poses, claim = POSES, None if arm is None else arm_claim(arm)
     if claim is not None and len(claim.joints) <= JOINTS_IN_BOXES:
-        shown = [_shown(claim, speeds, rate) for speeds, rate in zip([limits, *np.diag(limits)], rates)]
-        if all(one is not None for one in shown):
-            turnings = [one for one in shown if one is not None]
+        bounds = [_turning(claim, speeds, rate) for speeds, rate in zip([limits, *np.diag(limits)], rates)]
+        if all(one is not None for one in bounds):
+            turnings = [one for one in bounds if one is not None]
             rates, poses = np.array([turning.rate for turning, _ in turnings]), 0
             kept = [turning for turning, _ in turnings if turning.rate]
             own["turnings"] = [{"speeds": one.speeds.tolist(), "rate": one.rate} for one in kept]
@@ -99,7 +99,7 @@ def storage_numbers(storage: SmoothStorage) -> Numbers:
     }
 
 
-def _shown(arm: ArmClaim, speeds: np.ndarray, rate: float) -> tuple[Turning, int] | None:
+def _turning(arm: ArmClaim, speeds: np.ndarray, rate: float) -> tuple[Turning, int] | None:
     """A rate that is shown at every pose, little larger than a sampled one, and its boxes; None where none is."""
     if rate < NO_RATE:
         return Turning(speeds, 0.0), 0
@@ -130,7 +130,7 @@ def _rates(setup: WorkspaceSetup, speeds: np.ndarray, poses: np.ndarray) -> np.n
     """Those of poses (N, n + 1)."""
     model, own, n = link_compliance(setup.law.plant), setup.law.plant.parameters.vector(), len(speeds)
     signs = speeds * np.array([(1.0, *others) for others in product((1.0, -1.0), repeat=n - 1)])
-    asked, found = np.vstack([signs, np.diag(speeds)]), list[list[float]]()
+    speeds, found = np.vstack([signs, np.diag(speeds)]), list[list[float]]()
     for pose in poses:
         # with M⁻¹ = R Rᵀ, Ṁ relative to M is −R⁻¹ (M⁻¹)˙ R⁻ᵀ
         inverse = np.linalg.inv(np.linalg.cholesky(model.matrix(pose, own)))
@@ -140,6 +140,6 @@ def _rates(setup: WorkspaceSetup, speeds: np.ndarray, poses: np.ndarray) -> np.n
                 for step in STEP * np.eye(n)
             ]
         ) / (2.0 * STEP)
-        rates = np.abs(np.linalg.eigvalsh(np.tensordot(asked, slopes, 1))).max(axis=1)
+        rates = np.abs(np.linalg.eigvalsh(np.tensordot(speeds, slopes, 1))).max(axis=1)
         found.append([float(rates[:-n].max()), *rates[-n:].tolist()])
     return np.array(found)

@@ -224,12 +224,12 @@ def with_others(
     if proof.checked is None or proof.numbers is None:
         return proof
     masses, ends = proof.errors.masses, (proof.checked.low, proof.checked.high)
-    shown = everywhere(setup, masses, ends, found.stated.errors.masses)
+    poses = everywhere(setup, masses, ends, found.stated.errors.masses)
     progress("speed of moves")
     return proof._replace(
         largest=largest_masses(setup, masses, loaded or setup.true.robot),
-        everywhere=shown,
-        moves=proved_moves(setup, pairs, proof.numbers, shown and shown.arm) if several else None,
+        everywhere=poses,
+        moves=proved_moves(setup, pairs, proof.numbers, poses and poses.arm) if several else None,
     )
 
 
