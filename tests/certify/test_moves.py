@@ -28,7 +28,7 @@ from flexhinf.design.workspace.proof import sampled_pairs
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
-from flexhinf.modal import pair_gains
+from flexhinf.modal import moves as search, pair_gains
 from flexhinf.modal.moves import fastest_moves, free_loop, storage_of
 from flexhinf.modal.popov import Errors, Multipliers, PairStorages, SampledPairs, Sector
 from flexhinf.numerals import at_least
@@ -110,6 +110,24 @@ def test_nearly_all_that_the_search_finds_is_proved_and_no_more_than_is_there(fo
     assert checked.rate * PERIOD == pytest.approx(0.9 * largest)
     assert isinstance(checked_of({**numbers, "change": 1.25 * numbers["change"]}, loop), str)
     assert storage_of(pairs, 1.2 * largest) is None
+
+
+@pytest.mark.ci("searches once more")
+def test_a_storage_has_room_between_its_nodes(found, monkeypatch):
+    """With so few nodes that it has none there at first."""
+    pairs, largest, _, loop = found
+    monkeypatch.setattr(search, "NODES", 0.3)
+    few = search._parts(pairs)[0]
+    change = 0.8 * largest
+    solved = few.solved(float(np.sinh(0.5 * change)))
+    assert solved is not None
+    alone = few.storage(solved)
+    links = np.geomspace(*ENDS, 60)
+    assert min(alone.room(link, free_loop(pairs, link), float(np.sinh(0.5 * change))) for link in links) < 0.0
+    moves = storage_of(pairs, change)
+    assert moves is not None
+    numbers = {"change": moves.change, **storage_numbers(moves.storage), "turnings": []}
+    assert isinstance(checked_of(numbers, loop), CheckedMoves)
 
 
 def of_matrix(function, inertia):

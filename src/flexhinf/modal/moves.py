@@ -43,6 +43,9 @@ MOST = 0.5
 #: Share of the room that Newton's method may leave, its growth of the weight, most steps of a weight, most weights.
 LEFT, HEAVIER, STEPS, WEIGHTS = 0.3, 6.0, 8, 25
 
+#: Times that λ between the nodes are looked at.
+ROUNDS = 4
+
 #: The room of a scaled problem below which there is none.
 NONE_LEFT = 1e-9
 
@@ -100,18 +103,35 @@ def fastest_moves(pairs: SampledPairs) -> float:
 
 def storage_of(pairs: SampledPairs, change: float) -> Moves | None:
     """A storage function with some room for a change ρ; None where there is none."""
-    c, found = float(np.sinh(0.5 * change)), list[SmoothStorage]()
-    for part in _parts(pairs):
-        x = part.solved(c)
-        if x is None:
-            return None
-        found.append(part.storage(x))
-    storage = found[0] if len(found) == 1 else _together(pairs, found[0], found[1], c)
-    links = _grid(pairs, TRIED)
+    c, links = float(np.sinh(0.5 * change)), _grid(pairs, TRIED)
+    tried = [_split(free_loop(pairs, link), pairs.filter is not None) for link in links.tolist()]
+    found = [_between_nodes(part, links, loops, c) for part, loops in zip(_parts(pairs), zip(*tried))]
+    parts = [storage for storage in found if storage is not None]
+    if len(parts) < len(found):
+        return None
+    storage = parts[0] if len(parts) == 1 else _together(pairs, parts[0], parts[1], c)
     rooms = [storage.room(link, free_loop(pairs, link), c) for link in links.tolist()]
     if min(rooms) <= 0.0:
         return None
     return Moves(storage, change, float(links[int(np.argmin(rooms))]))
+
+
+def _between_nodes(
+    part: _Inequalities, links: np.ndarray, loops: tuple[np.ndarray, ...], c: float
+) -> SmoothStorage | None:
+    """A storage of a part that has room at all λ that are tried; the worst between its nodes become nodes."""
+    for _ in range(ROUNDS):
+        x = part.solved(c)
+        if x is None:
+            return None
+        storage = part.storage(x)
+        rooms = np.array([storage.room(link, loop, c) for link, loop in zip(links.tolist(), loops)])
+        if rooms.min() > 0.0:
+            return storage
+        beside = np.concatenate([[np.inf], rooms, [np.inf]])
+        worst = (rooms <= 0.0) & (rooms <= beside[:-2]) & (rooms <= beside[2:])
+        part = part.with_nodes(links[worst], [loops[k] for k in np.flatnonzero(worst)])
+    return None
 
 
 def _grid(pairs: SampledPairs, count: int) -> np.ndarray:
@@ -202,6 +222,11 @@ class _Inequalities:
         traces = np.tile(self.unit.trace(axis1=1, axis2=2), 2 * len(poles) + 1)
         self.traces = np.append(traces, 0.0) / n
         self.weight = np.where(self.rows == self.columns, 1.0, np.sqrt(2.0))
+
+    def with_nodes(self, links: np.ndarray, loops: list[np.ndarray]) -> _Inequalities:
+        """The same at more λ."""
+        more = np.concatenate([self.links, links])
+        return _Inequalities(np.concatenate([self.loops, loops]), more, self.poles, self.period)
 
     @property
     def largest(self) -> float:

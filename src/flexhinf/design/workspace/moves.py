@@ -60,17 +60,10 @@ def proved_moves(
     setup: WorkspaceSetup, pairs: SampledPairs, numbers: Numbers, arm: Numbers | None
 ) -> ProvedMoves | None:
     """Of a setup, its pairs, their certificate and its arm; None where nothing is proved."""
-    largest, loop = fastest_moves(pairs), pair_claim(numbers)
-    for share in SHARES if largest else ():
-        found = storage_of(pairs, share * largest)
-        if found is None:
-            continue
-        own: Numbers = {"change": found.change, **storage_numbers(found.storage), "turnings": []}
-        checked = check_moves(moves_claim(own, loop, None))
-        if isinstance(checked, CheckedMoves):
-            break
-    else:
+    found = _proved_storage(pairs, numbers)
+    if found is None:
         return None
+    own, checked, tightest = found
     stated = setup.limits.speed
     has_limits = bool(np.isfinite(stated).all())
     limits = np.array(stated, dtype=float) if has_limits else np.ones(len(setup.joints))
@@ -84,7 +77,25 @@ def proved_moves(
             kept = [turning for turning, _ in turnings if turning.rate]
             own["turnings"] = [{"speeds": one.speeds.tolist(), "rate": one.rate} for one in kept]
             checked = checked._replace(boxes=sum(boxes for _, boxes in turnings))
-    return ProvedMoves(own, checked, found.tightest, limits, has_limits, float(rates[0]), rates[1:], poses)
+    return ProvedMoves(own, checked, tightest, limits, has_limits, float(rates[0]), rates[1:], poses)
+
+
+def _proved_storage(pairs: SampledPairs, numbers: Numbers) -> tuple[Numbers, CheckedMoves, float] | None:
+    """Numbers that the checker accepts, what it says of them, and the λ that limits it; None where it accepts none."""
+    loop = pair_claim(numbers)
+    try:
+        largest = fastest_moves(pairs)
+        for share in SHARES if largest else ():
+            found = storage_of(pairs, share * largest)
+            if found is None:
+                continue
+            own: Numbers = {"change": found.change, **storage_numbers(found.storage), "turnings": []}
+            checked = check_moves(moves_claim(own, loop, None))
+            if isinstance(checked, CheckedMoves):
+                return own, checked, found.tightest
+    except np.linalg.LinAlgError:  # numbers of a size that doubles do not have
+        pass
+    return None
 
 
 def storage_numbers(storage: SmoothStorage) -> Numbers:
