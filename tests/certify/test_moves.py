@@ -2,6 +2,7 @@
 
 import copy
 import json
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from benchmarks.workspace import masses
 from benchmarks.workspace.robots import ROBOTS
-from flint import arb, ctx
+from flint import arb, arb_mat, ctx
 from numpy.polynomial.chebyshev import chebval
 from scipy.linalg import expm
 from tests.refusals import refused_with, unnamed
@@ -19,6 +20,7 @@ from flexhinf.certify.checker import moves as checker
 from flexhinf.certify.checker.arm import arm_claim
 from flexhinf.certify.checker.moves import CheckedMoves, check_moves, moves_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, pair_claim
+from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
 from flexhinf.design import Specification
 from flexhinf.design.workspace import proof
 from flexhinf.design.workspace.everywhere import everywhere
@@ -30,7 +32,8 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import moves as search, pair_gains
 from flexhinf.modal.moves import fastest_moves, free_loop, storage_of
-from flexhinf.modal.popov import Errors, Multipliers, PairStorages, SampledPairs, Sector
+from flexhinf.modal.popov import Errors, Multipliers, PairStorages, Sector
+from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.numerals import at_least
 from flexhinf.pages.workspace_proof import pair_text
 from flexhinf.plant.joints import link_compliance
@@ -99,6 +102,27 @@ def test_search_and_checker_compute_the_same_loop(pairs, latency, watched):
         value = np.array([[float(entry) for entry in row] for row in own.tolist()])
     expected = free_loop(loop, 150.0**2)
     np.testing.assert_allclose(value, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.oracle
+def test_polynomials_of_matrices_count_as_positive_only_where_they_are():
+    """Of random ones with eigenvalues of several sizes, many of which just touch zero, on a fine grid."""
+    rng, grid, counts = np.random.default_rng(6), np.linspace(-1.0, 1.0, 801), [0, 0]
+    for _ in range(150):
+        degree, size = int(rng.integers(1, 6)), 3
+        scale = np.diag(10.0 ** rng.uniform(-4.0, 0.0, size))
+        parts = [scale @ (part + part.T) @ scale for part in rng.normal(size=(degree, size, size))]
+        values = sum(part * grid[:, None, None] ** k for k, part in enumerate(parts, 1))
+        relative = np.linalg.inv(scale) @ values @ np.linalg.inv(scale)
+        level = float(rng.choice([0.5, 0.98, 1.02, 1.5])) * -np.linalg.eigvalsh(relative)[:, 0].min()
+        found = False
+        with ctx.workprec(106), suppress(ZeroDivisionError):  # no enclosure, as the checker takes it
+            own = [arb_mat(part.tolist()) for part in (level * scale @ scale, *parts)]
+            found = checker._positive(TaylorMatrix([*own, own[0] * 0]))
+        true = np.linalg.eigvalsh(relative + level * np.eye(size)).min() > 0.0
+        assert true or not found
+        counts[int(found)] += 1
+    assert min(counts) > 20
 
 
 @pytest.mark.ci("checks what the search shares with other tests")
@@ -343,7 +367,7 @@ def test_none_of_dozens_of_forged_and_damaged_files_is_accepted(found, tried):
 def test_a_proof_that_says_more_of_moves_than_its_certificate_is_not_proved(found, monkeypatch):
     """Beside pairs that count as checked here."""
     _, _, numbers, loop = found
-    pairs = CheckedPairs(*ENDS, *WIDE, 0.0, 0.0, 0.0, 1)
+    pairs = CheckedPairs(*ENDS, *WIDE, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
     monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
     checked = checked_of(numbers, loop)
     assert isinstance(checked, CheckedMoves)
