@@ -88,17 +88,20 @@ def limited_threads(count: int | None) -> Generator[None]:
 
 def in_threads(function: Callable[[Item], Result], items: Iterable[Item], most: int) -> Iterator[Result]:
     """What a function gives for each item, in their order, by at most so many threads: for one that waits for the disk,
-    or works outside of the interpreter. Few items are begun before they are needed."""
+    or works outside of the interpreter. Few items are begun before they are needed, and none after an error."""
     from concurrent.futures import Future, ThreadPoolExecutor
 
     threads, begun = min(most, thread_count()), deque[Future[Result]]()
-    if threads == 1:
+    if threads <= 1:
         yield from map(function, items)
         return
-    with ThreadPoolExecutor(threads) as pool:
+    pool = ThreadPoolExecutor(threads)
+    try:
         for item in items:
             begun.append(pool.submit(function, item))
             if len(begun) > 2 * threads:
                 yield begun.popleft().result()
         while begun:
             yield begun.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)

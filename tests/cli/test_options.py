@@ -369,14 +369,17 @@ def test_every_long_command_uses_the_threads_that_are_stated(monkeypatch: pytest
         ["compare", "paper", "--pose", "5deg"],
         ["certify", "paper"],
         ["paper"],
+        ["identify", "log.csv", "--robot", "paper"],
     ):
         assert main([*words, "--threads", str(usual + 1)]) == 2
-    assert seen == [usual + 1] * 4
+    assert seen == [usual + 1] * 5
     assert thread_count() == usual
     long = {
         " ".join(path) for path, one in COMMANDS.items() if "threads" in inspect.unwrap(one.callback).options
     }
-    assert long == {"design", "compare", "certify", "paper", "campaign run", "campaign compare"}
+    assert long == {
+        "design", "compare", "certify", "paper", "campaign run", "campaign compare", "identify", "studio",
+    }  # fmt: skip
 
 
 def test_a_design_has_forty_options_at_most() -> None:

@@ -524,7 +524,7 @@ class EstimateOptions(LogOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdentifyOptions(LogOptions):
+class IdentifyOptions(LogOptions, ThreadOptions):
     """Options of ``flexhinf identify``."""
 
     parameters: Text = option("", ROBOT,
@@ -554,7 +554,7 @@ class IdentifyOptions(LogOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudioOptions(ElasticOptions):
+class StudioOptions(ElasticOptions, ThreadOptions):
     """Options of ``flexhinf studio``."""
 
     robot: Text = argument(

@@ -14,6 +14,7 @@ import numpy as np
 from flexhinf.errors import NumericalFailure
 from flexhinf.identification.likelihood import Evaluation, Likelihood
 from flexhinf.identification.unknowns import Unknowns
+from flexhinf.processors import in_threads
 
 #: Iterations at most; damping at first, its factors after a better and a worse trial, and at most; the longest step, in
 #: parts of a number; and the expected gain of the log-likelihood at which the search ends.
@@ -140,13 +141,14 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
 
     The curvature of the likelihood is not enough: of a robot at rest some vibration always fits the noise best, and a
     narrow peak is found there, a few units high. A number that is near to what was stated need not be so much likelier:
-    half of what the curvature says will do.
+    half of what the curvature says will do. Threads share the numbers out.
     """
     count, every = len(unknowns.numbers), np.arange(len(z))
     scale, _, shape = scaled(unknowns, z, best.gradient, best.information, every)
     covariance = np.linalg.inv(shape + 1e-9 * np.eye(len(z)))
-    clear, most = np.ones(count, dtype=bool), 5.0 * unknowns.sizes(z)
-    for k in range(count):
+    most = 5.0 * unknowns.sizes(z)
+
+    def told(k: int) -> bool:
         # a standard error of this one, the others as it asks
         away = covariance[k] / np.sqrt(covariance[k, k]) / scale
         error = abs(away[k])
@@ -154,16 +156,17 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
         step = np.clip(away, -most, most)
         step[count:] = 0.0
         for end in (unknowns.inside(z + step), unknowns.inside(z - step)):
-            if abs(end[k] - z[k]) < 0.5 * abs(step[k]) or not clear[k]:
-                continue
-            with suppress(NumericalFailure):  # nothing can be filtered so far away
-                clear[k] = best.value - searched(likelihood, unknowns, end, TRIES, k)[1].value > DROP
+            if abs(end[k] - z[k]) >= 0.5 * abs(step[k]) and drop(end, k) <= DROP:
+                return False
         stated = np.where(every == k, unknowns.start, z)
         apart = abs(stated[k] - z[k])
-        if apart < NEAR * error or not clear[k]:
-            continue
         is_far = apart > NEAR * unknowns.sizes(unknowns.start)[k]
-        with suppress(NumericalFailure):
-            drop = best.value - searched(likelihood, unknowns, stated, TRIES, k)[1].value
-            clear[k] = drop > (DROP if is_far else min(DROP, 0.25 * (apart / error) ** 2))
-    return clear
+        least = DROP if is_far else min(DROP, 0.25 * (apart / error) ** 2)
+        return bool(apart < NEAR * error or drop(stated, k) > least)
+
+    def drop(start: np.ndarray, k: int) -> float:
+        with suppress(NumericalFailure):  # nothing can be filtered so far away
+            return best.value - searched(likelihood, unknowns, start, TRIES, k)[1].value
+        return np.inf
+
+    return np.array([*in_threads(told, range(count), count)], dtype=bool)
