@@ -15,6 +15,7 @@ def test_the_environment_and_a_request_limit_the_threads(monkeypatch: pytest.Mon
     for text, expected in (
         ("3", 3),
         ("5,2", 5),
+        (" 4 ", 4),
         ("0", available()),
         ("many", available()),
         ("", available()),
@@ -36,6 +37,7 @@ def test_the_environment_and_a_request_limit_the_threads(monkeypatch: pytest.Mon
         ("max 100000", 12),
         ("250000 100000", 3),
         ("50000 100000", 1),
+        ("1250000 100000", 12),
         ("-1 100000", 12),
         ("4 0", 12),
         ("strange", 12),

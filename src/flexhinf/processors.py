@@ -30,7 +30,9 @@ def thread_count() -> int:
     """
     if _requested:
         return _requested[-1]
-    stated = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0]  # of nested levels, the outer one
+    stated = (
+        os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
+    )  # of nested levels, the outer one
     return int(stated) if stated.isdecimal() and stated.isascii() and int(stated) > 0 else available()
 
 

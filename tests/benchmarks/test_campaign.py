@@ -35,22 +35,9 @@ def test_the_limit_is_that_of_a_processor():
     assert 1e8 < peak() * 8 / LANES < 1e11
 
 
-@pytest.mark.ci("runs the benchmark in small")
-def test_the_whole_in_small(repository, tmp_path):
-    """Ours, filterpy and the limits; numba and JAX where they are."""
-    command = [
-        sys.executable,
-        "-m",
-        "benchmarks.campaign",
-        "--plants",
-        "16",
-        "--steps",
-        "200",
-        "--repetitions",
-        "1",
-        "--robots",
-        "400",
-    ]
+def rows_of(repository, tmp_path, name, *words):
+    """What the benchmark keeps in a file, and what it prints."""
+    command = [sys.executable, "-m", "benchmarks.campaign", "--repetitions", "1", *words]
     environment = {
         "PYTHONPATH": f"{repository}/src:{repository}",
         "PATH": "/usr/bin:/bin",
@@ -58,7 +45,23 @@ def test_the_whole_in_small(repository, tmp_path):
     }
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    rows = json.loads((tmp_path / ".benchmarks" / "campaign.json").read_text())["rows"]
+    return json.loads((tmp_path / ".benchmarks" / name).read_text())["rows"], done.stdout.splitlines()
+
+
+@pytest.mark.ci("runs whole campaigns")
+def test_whole_campaigns_in_small(repository, tmp_path):
+    rows, _ = rows_of(repository, tmp_path, "whole.json", "--whole", "0.001", "--threads", "1")
+    kinds = ["ensemble", "memory", "journal"]
+    assert [kind for row in rows for kind in kinds if kind in row["what"]] == 2 * kinds
+    assert all(row["rate"] > 0.0 for row in rows)
+    assert all("x by processor time" in row["note"] for row in rows if row["target"])
+
+
+@pytest.mark.ci("runs the benchmark in small")
+def test_the_whole_in_small(repository, tmp_path):
+    """Ours, filterpy and the limits; numba and JAX where they are."""
+    words = ["--plants", "16", "--steps", "200", "--robots", "400"]
+    rows, lines = rows_of(repository, tmp_path, "campaign.json", *words)
     assert "filterpy" in {row["what"] for row in rows}
     assert any("memory" in row["what"] for row in rows)
-    assert any("numba" in line and "left out" in line for line in done.stdout.splitlines())
+    assert any("numba" in line and "left out" in line for line in lines)

@@ -12,11 +12,12 @@ from typing import Any
 
 import pytest
 from tests.builders import arm_controller
+from tests.refusals import unnamed
 from typer.main import get_command
 
 import flexhinf as fh
 from flexhinf import pages, report
-from flexhinf.cli import main
+from flexhinf.cli import arguments, main
 from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
 from flexhinf.cli.check_log import check_log
 from flexhinf.cli.commands import app
@@ -355,8 +356,11 @@ def test_an_option_has_the_name_of_its_field(path: tuple[str, ...]) -> None:
             assert parameter.rich_help_panel is not None
 
 
-def test_every_long_command_uses_the_threads_that_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before it writes, and no longer than it runs."""
+def test_every_long_command_uses_the_threads_that_are_stated(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before it writes, and no longer than it runs. More than there are processors are told."""
+    monkeypatch.setattr(arguments, "available", lambda: 3)
     seen, usual = list[int](), thread_count()
 
     def stop(out: Path) -> Path:
@@ -371,8 +375,11 @@ def test_every_long_command_uses_the_threads_that_are_stated(monkeypatch: pytest
         ["paper"],
         ["identify", "log.csv", "--robot", "paper"],
     ):
-        assert main([*words, "--threads", str(usual + 1)]) == 2
-    assert seen == [usual + 1] * 5
+        assert main([*words, "--threads", "3"]) == 2
+        assert "threads" not in capsys.readouterr().err
+        assert main([*words, "--threads", "4"]) == 2
+        assert unnamed(capsys.readouterr().err, "note: --threads 4", "the 3 processors") == []
+    assert seen == [3, 4] * 5
     assert thread_count() == usual
     long = {
         " ".join(path) for path, one in COMMANDS.items() if "threads" in inspect.unwrap(one.callback).options

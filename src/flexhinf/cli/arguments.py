@@ -32,7 +32,7 @@ from flexhinf.options import (
     refused,
     with_value,
 )
-from flexhinf.processors import limited_threads
+from flexhinf.processors import available, limited_threads
 from flexhinf.validation import nearest, value_text
 
 if TYPE_CHECKING:
@@ -78,7 +78,12 @@ def with_options(declarations: Callable[[], tuple[type, Collection[str]]]) -> Ca
             kind: Any = vars(run)["own"]
             stated, own = stated_options(context).items(), declared(kind)
             read = {name: _value(own[name], value) for name, value in stated if name in own}
-            with limited_threads(read.get("threads")):
+            threads, processors = read.get("threads"), available()
+            if threads is not None and threads > processors:
+                note(
+                    f"--threads {threads}: more than the {processors} processors of this process are no faster"
+                )
+            with limited_threads(threads):
                 return command(context, kind(**{k: value for k, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = (

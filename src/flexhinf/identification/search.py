@@ -148,7 +148,7 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
     covariance = np.linalg.inv(shape + 1e-9 * np.eye(len(z)))
     most = 5.0 * unknowns.sizes(z)
 
-    def told(k: int) -> bool:
+    def is_clear(k: int) -> bool:
         # a standard error of this one, the others as it asks
         away = covariance[k] / np.sqrt(covariance[k, k]) / scale
         error = abs(away[k])
@@ -169,4 +169,4 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
             return best.value - searched(likelihood, unknowns, start, TRIES, k)[1].value
         return np.inf
 
-    return np.array([*in_threads(told, range(count), count)], dtype=bool)
+    return np.array([*in_threads(is_clear, range(count), count)], dtype=bool)
