@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import mpmath
 import numpy as np
 import pytest
@@ -138,3 +142,23 @@ def test_wrong_noises_show_as_they_should(q: float, r: float, judgement: str, fi
 def test_what_is_no_table_of_innovations_is_refused(value):
     with refused_with(InvalidInput, "filter_log", repr(value)):
         fh.consistency(value)
+
+
+_PROGRAM = """
+import numpy as np
+from flexhinf.identification.consistency import whiteness
+found = whiteness(np.random.default_rng(0).normal(size=20_000))
+print(found.correlations.tolist(), found.statistic)
+"""
+
+
+@pytest.mark.ci("two processes")
+def test_threads_of_blas_change_no_bit_of_a_long_log():
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", _PROGRAM], env={**os.environ, "OPENBLAS_NUM_THREADS": threads},
+            capture_output=True, check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]  # fmt: skip
+    assert found[0] == found[1]

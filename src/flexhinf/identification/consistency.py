@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from flexhinf.errors import refuse_if
-from flexhinf.identification.quantisation import autocorrelations, rounding_correlations, smallest_step
+from flexhinf.identification.quantisation import autocorrelations, inner, rounding_correlations, smallest_step
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def whiteness(
     known = values[np.isfinite(values)]
     count = known.size
     centred = known - known.mean() if count else known
-    power = float(centred @ centred)
+    power = inner(centred, centred)
     lags = min(lags, count // 10)
     if lags < 1 or not power > 0.0:
         return None

@@ -53,7 +53,12 @@ def rounding_correlations(
 def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
     """r(1) … r(lags) of a sequence (N,); zeros of a constant one."""
     centred = values - values.mean()
-    power = float(centred @ centred)
+    power = inner(centred, centred)
     if not power > 0.0:
         return np.zeros(lags)
-    return np.array([centred[lag:] @ centred[:-lag] for lag in range(1, lags + 1)]) / power
+    return np.array([inner(centred[lag:], centred[:-lag]) for lag in range(1, lags + 1)]) / power
+
+
+def inner(left: np.ndarray, right: np.ndarray) -> float:
+    """The inner product of two long sequences (N,), whose last bits do not depend on threads as those of BLAS do."""
+    return float(np.einsum("i,i->", left, right))
