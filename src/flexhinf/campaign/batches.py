@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property
-from typing import get_args
+from itertools import chain, pairwise
+from typing import TypeAlias, get_args
 
 import numpy as np
 
@@ -35,7 +37,7 @@ from flexhinf.campaign.metrics import (
     is_unstable,
     stability_reduction,
 )
-from flexhinf.campaign.samples import Sample, SampleColumns, taken
+from flexhinf.campaign.samples import Sample, SampleColumns, index_array, taken
 from flexhinf.codegen import cuda
 from flexhinf.codegen.gpu import Device
 from flexhinf.codegen.program import Unsupported
@@ -170,8 +172,12 @@ class Campaign:
             self.loop_of(first).prepared(**self._options_of(first), seed=sample_seed(self.seed, 0))
 
     @cached_property
+    def _some(self) -> Sequence[Sample]:
+        return self.draw.samples([0], self.samples, self.seed)
+
+    @property
     def _first(self) -> Sample:
-        return self.draw.samples([0], self.samples, self.seed)[0]
+        return self._some[0]
 
     def _usual_batch(self, steps: int) -> int:
         """Samples of a batch of runs of so many steps; runs that are made one by one are slower than `WORK` says."""
@@ -244,9 +250,12 @@ class Campaign:
             )
         yield from (next(runs[mode]) for mode in modes)
 
-    def plants(self, indices: Sequence[int], samples: Sequence[Sample]) -> EnsembleArguments:
-        """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds, starts and loads."""
-        seeds = sample_seeds(self.seed, indices)
+    def plants(
+        self, indices: Sequence[int], samples: Sequence[Sample], *, seeds: np.ndarray | None = None
+    ) -> EnsembleArguments:
+        """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds (those of their indices), starts
+        and loads."""
+        seeds = sample_seeds(self.seed, indices) if seeds is None else seeds
         if isinstance(samples, SampleColumns):
             return self._columns(seeds, samples)
         plant = self.loop.true_plant
@@ -326,6 +335,13 @@ class Campaign:
         )
 
     @property
+    def is_library_code(self) -> bool:
+        """Whether samples are drawn, run and reduced by code of flexhinf alone, many at once: in any thread."""
+        draw = self.draw.function if isinstance(self.draw, FunctionDraw) else type(self.draw)
+        batched = self.ensemble is not None and self._mode(self._first) != ALONE
+        return batched and isinstance(self._some, SampleColumns) and is_library_code(draw)
+
+    @property
     def _reduces(self) -> bool:
         """Whether no metric needs whole signals."""
         return isinstance(self.loop.true_plant, Plant) and all(m.reduced is not None for m in self.metrics)
@@ -355,7 +371,7 @@ class Campaign:
         return {
             name: value
             for name, value in vars(self).items()
-            if name not in ("ensemble", "_recorder", "_first")
+            if name not in ("ensemble", "_recorder", "_some")
         }
 
     @cached_property
@@ -421,6 +437,10 @@ def checked_integer(name: str, value: object, smallest: int, largest: int, examp
 #: diverged.
 Rows = dict[str, np.ndarray]
 
+#: What one caller at a time holds; and what all may hold.
+Turn: TypeAlias = AbstractContextManager[object]
+ANY_TIME: Turn = nullcontext()
+
 
 def run_batch(campaign: Campaign, batch: int, device: Device = "cpu") -> Rows:
     """The rows of one batch. They are the same on every machine of one kind, whatever else runs, on either device.
@@ -432,30 +452,45 @@ def run_batch(campaign: Campaign, batch: int, device: Device = "cpu") -> Rows:
 
 
 def run_batches(
-    campaign: Campaign, batches: Sequence[int], device: Device = "cpu"
-) -> Iterator[tuple[int, Rows]]:
+    campaign: Campaign, batches: Sequence[int], turn: Turn = ANY_TIME, device: Device = "cpu"
+) -> list[Rows]:
     """The rows of several batches, made at once, which is faster than one after the other; `run_batch` of each."""
-    counts = [len(campaign.indices(batch)) for batch in batches]
-    indices = [index for batch in batches for index in campaign.indices(batch)]
-    rows = rows_of(campaign, indices, device=device)
-    for batch, end, count in zip(batches, np.cumsum(counts).tolist(), counts):
-        yield batch, {name: column[end - count : end] for name, column in rows.items()}
+    parts = [campaign.indices(batch) for batch in batches]
+    adjacent = all(before.stop == after.start for before, after in pairwise(parts))
+    indices = range(parts[0].start, parts[-1].stop) if adjacent else [*chain(*parts)]
+    rows, ends = (
+        rows_of(campaign, indices, turn=turn, device=device),
+        np.cumsum([0, *map(len, parts)]).tolist(),
+    )
+    return [{name: column[a:b] for name, column in rows.items()} for a, b in pairwise(ends)]
 
 
 def rows_of(
-    campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample] = (), device: Device = "cpu"
+    campaign: Campaign,
+    indices: Sequence[int],
+    samples: Sequence[Sample] = (),
+    turn: Turn = ANY_TIME,
+    device: Device = "cpu",
 ) -> Rows:
-    """The rows of samples, from the campaign or others; sample k has the noise of the k-th index."""
+    """The rows of samples, from the campaign or others; sample k has the noise of the k-th index.
+
+    `turn`: Held while they run.
+    """
     samples = samples or campaign.draw.samples(indices, campaign.samples, campaign.seed)
     count, names = len(indices), {column.name for column in campaign.columns if column.kind == "parameter"}
-    columns = {
-        column.name: np.full((count, len(campaign.instants)), math.nan, np.float32)
-        if column.kind == "trace"
-        else np.full(count, math.nan)
+    numbers = index_array(indices)
+    unknown: np.ndarray = np.broadcast_to(np.float32(math.nan), (count, len(campaign.instants)))
+    traced = bool(numbers.min() < TRACED)
+    columns: Rows = {
+        column.name: np.full(count, math.nan)
+        if column.kind != "trace"
+        else unknown.copy()
+        if traced
+        else unknown
         for column in campaign.columns
     }
     columns |= {
-        "sample": np.array(indices, dtype=np.int64),
+        "sample": numbers,
         "seed": sample_seeds(campaign.seed, indices),
         **{name: np.full(count, "", dtype=object) for name in ("status", "failure")},
     }
@@ -465,8 +500,13 @@ def rows_of(
     try:
         for some in modes.values():
             assert campaign.ensemble is not None
-            plants = campaign.plants([indices[k] for k in some], taken(samples, some))
-            _fill_reduced(campaign, columns, np.array(some), campaign.ensemble.run(**plants, device=device))
+            places = np.array(some)
+            plants = campaign.plants((), taken(samples, some), seeds=columns["seed"][places])
+            kept = np.flatnonzero(columns["sample"][places] < TRACED)
+            with turn:
+                traced = 1 + max(kept[-1:].tolist(), default=-1)
+                result = campaign.ensemble.run(**plants, traced=traced, device=device)
+            _fill_reduced(campaign, columns, places, result, kept)
         runs = campaign.trajectories([indices[k] for k in alone], taken(samples, alone))
         for place in alone:
             _fill_run(campaign, columns, place, next(runs))
@@ -505,7 +545,10 @@ def _fill_numbers(columns: Rows, samples: Sequence[Sample], indices: Sequence[in
             columns["status"][place], columns["failure"][place] = NOT_RUN, sample.failure
 
 
-def _fill_reduced(campaign: Campaign, columns: Rows, places: np.ndarray, result: EnsembleResult) -> None:
+def _fill_reduced(
+    campaign: Campaign, columns: Rows, places: np.ndarray, result: EnsembleResult, kept: np.ndarray
+) -> None:
+    """Enter what runs at these places gave, and signals of those (K,) of them that are kept."""
     ended = np.where(result.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
     columns["status"][places] = np.where(result.completed, ended, DIVERGED)
     columns["diverged_at_s"][places] = result.diverged_at
@@ -514,10 +557,15 @@ def _fill_reduced(campaign: Campaign, columns: Rows, places: np.ndarray, result:
         values = metrics.reduced(result)
         for name in metrics.units:
             columns[name][places] = np.where(result.completed, values[name], math.nan)
-    kept = columns["sample"][places] < TRACED
     with np.errstate(over="ignore"):  # values of a diverging run become infinite in 32 bits
-        for k, name in enumerate(campaign.signals):
-            columns[TRACE + name][places[kept]] = result.kept[kept, :, k]
+        for k, name in enumerate(campaign.signals if len(kept) else ()):
+            columns[TRACE + name][_span(places[kept])] = result.kept[_span(kept), :, k]
+
+
+def _span(places: np.ndarray) -> np.ndarray | slice:
+    """Ascending places, as a slice where none is left out: that copies nothing."""
+    first, last = int(places[0]), int(places[-1])
+    return slice(first, last + 1) if last - first + 1 == len(places) else places
 
 
 def _fill_run(campaign: Campaign, columns: Rows, place: int, run: Trajectory) -> None:

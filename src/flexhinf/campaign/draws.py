@@ -34,7 +34,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Vector
-from flexhinf.campaign.samples import Columns, NumberedParameters, Sample, SampleColumns, UniformColumns
+from flexhinf.campaign.samples import (
+    Columns,
+    NumberedParameters,
+    Sample,
+    SampleColumns,
+    UniformColumns,
+    index_array,
+)
 from flexhinf.codegen.noise import ARRAYS, philox, seed_key
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.notebook import StatedRepr
@@ -394,7 +401,7 @@ class Tolerances(Draw):
 
     def numbers(self, indices: Sequence[int], count: int, seed: int) -> dict[str, np.ndarray]:
         """Values (N,) of each variable for these samples, by its name."""
-        points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
+        points = _points(self.method, index_array(indices), len(self.variables), count, seed)
         return {variable.name: variable.values(points[:, k]) for k, variable in enumerate(self.variables)}
 
     def columns(self, numbers: Columns) -> SampleColumns | None:
@@ -445,7 +452,7 @@ def sample_seed(seed: int, index: int) -> int:
 
 def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
     """Seeds of the measurement noise of several samples, (N,) of 64 bits."""
-    bits = philox(ARRAYS, (0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
+    bits = philox(ARRAYS, (0, 0, index_array(indices), _SEEDS), seed_key(seed))
     return bits[0] << np.uint64(32) | bits[1]
 
 

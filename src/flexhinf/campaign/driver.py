@@ -12,8 +12,16 @@ import pickle
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from contextvars import copy_context
@@ -305,18 +313,75 @@ def on_device(device: Device) -> Executor:
 
 def in_this_process(
     campaign: Campaign, batches: Sequence[int], device: Device = "cpu"
-) -> Iterator[tuple[int, Rows]]:
+) -> Generator[tuple[int, Rows], None, None]:
     """Run the batches in this process: as many at once as take about `TOGETHER`, by the time that the last ones took.
 
-    No row depends on what runs beside it.
+    With several threads, the next ones are drawn and the rows of the last ones made while some run, unless a user's
+    code does that. No row depends on what runs beside it.
     """
     remaining, count = list(batches), 1
-    while remaining:
-        some, remaining = remaining[:count], remaining[count:]
-        begun = time.perf_counter()
-        yield from run_batches(campaign, some, device)
-        taken = max(time.perf_counter() - begun, 1e-6)
-        count = max(1, min(2 * count, round(len(some) * TOGETHER / taken), LARGEST_BATCH // campaign.batch))
+    begun: deque[tuple[list[int], Callable[[], list[Rows]]]] = deque()
+    beside = ThreadPoolExecutor(2) if thread_count() > 1 and campaign.is_library_code else None
+    turn = _Turn()
+    turn.over.set()
+
+    def begin(most: int) -> None:
+        nonlocal remaining, turn
+        while remaining and len(begun) < most:
+            some, remaining, turn = remaining[:count], remaining[count:], _Turn(turn)
+            work = partial(_run_in_turn, campaign, some, turn, device)
+            begun.append((some, work if beside is None else beside.submit(work).result))
+
+    try:
+        since = time.perf_counter()
+        while remaining or begun:
+            begin(1 if beside is None else 2)
+            some, result = begun.popleft()
+            rows = result()
+            taken, since = max(time.perf_counter() - since, 1e-6), time.perf_counter()
+            most = LARGEST_BATCH // campaign.batch
+            count = max(1, min(2 * count, round(len(some) * TOGETHER / taken), most))
+            begin(0 if beside is None else 2)  # whoever takes the rows may be slow
+            yield from zip(some, rows)
+    finally:
+        turn.stop()
+        if beside is not None:
+            beside.shutdown()
+
+
+class _Turn:
+    """One of several that follow each other: entered when the one `before` is `over`; refused where that failed, or
+    this one is to `stop`."""
+
+    def __init__(self, before: _Turn | None = None) -> None:
+        self.before, self.over, self.ended = before, threading.Event(), False
+
+    def __enter__(self) -> None:
+        if (before := self.before) is not None:
+            before.over.wait()
+            self.ended |= before.ended
+        self.before = None
+        if self.ended:
+            raise CancelledError
+
+    def __exit__(self, *error: object) -> None:
+        self.over.set()
+
+    def stop(self) -> None:
+        """Refuse this turn and those before it which have not begun."""
+        self.ended, before = True, self.before
+        if before is not None:
+            before.stop()
+
+
+def _run_in_turn(campaign: Campaign, batches: Sequence[int], turn: _Turn, device: Device) -> list[Rows]:
+    try:
+        return run_batches(campaign, batches, turn, device)
+    except BaseException:
+        turn.ended = True
+        raise
+    finally:
+        turn.over.set()  # also where there was nothing to run
 
 
 def in_processes(
@@ -506,8 +571,11 @@ def run_in_memory(
         done += len(rows["sample"])
         progress(Report(done, campaign.samples, done))
     ordered = [parts[index] for index in range(campaign.batches)]
+    traced = ordered[: -(-TRACED // campaign.batch)]
     table = {
-        c.name: np.concatenate([part[c.name] for part in ordered])[: TRACED if c.kind == "trace" else None]
+        c.name: np.concatenate([part[c.name] for part in traced])[:TRACED]
+        if c.kind == "trace"
+        else np.concatenate([part[c.name] for part in ordered])
         for c in campaign.columns
     }
     return labelled(table, campaign.columns, campaign.time, campaign.settings)

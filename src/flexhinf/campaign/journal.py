@@ -315,7 +315,7 @@ class Journal:
         return path
 
     def rows(self, path: Path, names: Sequence[str]) -> Table:
-        """Columns of a valid shard as an Arrow table; of one that was just written, from memory."""
+        """Columns of a valid shard, or of the table, as an Arrow table; of one just written, from memory."""
         table = self._recent.get(path)
         return read_columns(path, names) if table is None else table.select(list(names))
 
@@ -568,16 +568,21 @@ class Journal:
             f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
             "the campaign's command again, or the folders of the other shards",
         )
-        schema, path, group = self._table_schema, self.folder / TABLE, []
+        schema, path = self._table_schema, self.folder / TABLE
+        group: list[Table] = []
+        recent: dict[Path, Table] = {}  # the whole table, where it is one group
         read = in_threads(lambda batch: self.rows(good[batch], schema.names), range(self.batches), READERS)
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
             with parquet.ParquetWriter(name, schema, **TABLE_FORMAT) as writer:
                 for batch, rows in enumerate(read):
                     group.append(rows)
                     if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:
-                        writer.write_table(concat_tables(group).combine_chunks().cast(schema))
+                        whole = concat_tables(group).combine_chunks().cast(schema)
+                        writer.write_table(whole)
                         group.clear()
+                        recent = {path: whole} if len(whole) == self.samples else {}
             publish_whole(name, path)
+        self._recent |= recent
         return path
 
 

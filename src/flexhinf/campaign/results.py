@@ -28,7 +28,7 @@ from flexhinf.campaign.metrics import COMPLETED, MetricLimit
 from flexhinf.campaign.parquet import numpy_column, read_columns
 from flexhinf.campaign.surrogates import MOST_ROWS, Sensitivity, sensitivity
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.processors import in_threads
+from flexhinf.processors import in_threads, thread_count
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
@@ -124,7 +124,10 @@ def labelled(
             variables[column.name] = (("kept", "time"), values, attributes)
             coordinates |= {"time": ("time", time, {"units": "s"}), "kept": np.arange(len(values))}
         elif column.name != "sample":
-            variables[column.name] = ("sample", values, attributes)
+            # texts are not looked through for what else they could be
+            variables[column.name] = xr.Variable(
+                "sample", values, attributes, fastpath=values.dtype == object
+            )
     return xr.Dataset(variables, coordinates, dict(settings))
 
 
@@ -170,8 +173,16 @@ class MergedTable(CampaignTable):
 
     def dataset(self) -> xr.Dataset:
         """The rows as an xarray Dataset; see `run_campaign`."""
-        table = read_columns(self.journal.folder / TABLE)
-        rows = {name: numpy_column(table.column(name)) for name in table.column_names}
+        names = [column.name for column in self.described if column.kind != "trace"]
+        parts = min(READERS, thread_count())
+
+        def read(k: int) -> dict[str, np.ndarray]:
+            table = self.journal.rows(self.journal.folder / TABLE, names[k::parts])
+            return {name: numpy_column(table.column(name)) for name in names[k::parts]}
+
+        rows = {
+            name: values for some in in_threads(read, range(parts), READERS) for name, values in some.items()
+        }
         rows |= {name: self.trace(name) for name in self.names("trace")}
         return labelled(rows, self.described, self.journal.time, self.settings)
 

@@ -112,6 +112,12 @@ def taken(samples: Sequence[Sample], places: Sequence[int]) -> Sequence[Sample]:
     return samples.taken(places) if isinstance(samples, SampleColumns) else [samples[k] for k in places]
 
 
+def index_array(indices: Sequence[int] | np.ndarray) -> np.ndarray:
+    """Indices as an array (N,) of 64 bits; a range costs nothing."""
+    some = np.arange(indices.start, indices.stop, indices.step) if isinstance(indices, range) else indices
+    return np.asarray(some, dtype=np.int64)
+
+
 class UniformColumns:
     """Stands for N random generators at once: of each, the next uniform number.
 
@@ -121,7 +127,7 @@ class UniformColumns:
 
     def __init__(self, seed: int, stream: int, indices: Sequence[int] | np.ndarray) -> None:
         self._key = (np.uint64(seed), np.uint64(stream))
-        self._indices = np.asarray(indices, dtype=np.uint64)
+        self._indices = index_array(indices).astype(np.uint64)
         self._blocks, self._bits = 0, iter(())
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> Vector:

@@ -1,5 +1,7 @@
 """Many plants in lanes: each run is that of `Loop.run`, bit by bit, whatever the lanes, the threads and the others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,10 @@ def test_neither_lanes_nor_threads_nor_other_runs_matter(made):
     whole = ensemble.run(rows(), seeds, states, loads)
     for lanes, threads in ((1, 1), (2, 2), (8, 1), (8, 3)):
         same(ensemble.run(rows(), seeds, states, loads, lanes=lanes, threads=threads), whole)
+    for traced, lanes in ((0, None), (3, None), (9, 8), (99, 8)):
+        some = ensemble.run(rows(), seeds, states, loads, lanes=lanes, traced=traced)
+        same(replace(some, kept=whole.kept), whole)
+        np.testing.assert_array_equal(some.kept, whole.kept[:traced])
     for k in (0, 1, TORN, COUNT - 1):
         only = ensemble.run(rows()[k : k + 1], seeds[k : k + 1], states[k : k + 1], loads[k : k + 1])
         same(only, ensemble.run(rows()[k : k + 1], [seeds[k]], states[k : k + 1], loads[k : k + 1], lanes=1))

@@ -131,6 +131,7 @@ class Ensemble:
         threads: int | None = None,
         lanes: int | None = None,
         device: Device = "cpu",
+        traced: int | None = None,
     ) -> EnsembleResult:
         """Make N runs.
 
@@ -153,6 +154,8 @@ class Ensemble:
             of them.
         device : {"cpu", "gpu"}
             Where the runs are made; few of them are on the processor. Results do not depend on it.
+        traced : int, optional
+            The first runs, whose signals are kept; all by default.
 
         Raises
         ------
@@ -166,10 +169,13 @@ class Ensemble:
         threads = thread_count() if threads is None else threads
         few = lanes is None and self._few(plants)
         lanes = LANES if lanes is None else lanes
+        recorded = self._room(len(plants), traced)
         if few:
-            recorded = self._alone(plants, threads)
+            self._alone(plants, threads, recorded)
+        elif device == "gpu":
+            self._on_gpu(plants, recorded)
         else:
-            recorded = self._on_gpu(plants) if device == "gpu" else self._in_lanes(plants, lanes, threads)
+            self._in_lanes(plants, lanes, threads, recorded)
         failed = recorded.codes != 0
         diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
         recorded.reduction_memory[:, failed] = np.nan
@@ -218,7 +224,7 @@ class Ensemble:
             rows = slice(first, first + threads * LANES)
             own = {name: values[rows] for name, values in plants.own.items()}
             some = EnsemblePlants(plants.truth[rows], plants.parts[rows], plants.seeds[rows], own)
-            result = whole._in_lanes(some, LANES, threads, disturbances)
+            result = whole._in_lanes(some, LANES, threads, whole._room(len(some)), disturbances)
             for k, row in enumerate(result.kept):
                 recorded = dict(zip(names, np.split(row, ends, axis=1)))
                 acting = (
@@ -255,15 +261,16 @@ class Ensemble:
     def _few(self, plants: EnsemblePlants) -> bool:
         return len(plants) < LANES or len(plants) * self.command.samples < worth_lanes()
 
-    def _room(self, count: int) -> Recorded:
-        kept, memories = (count, len(self.instants), len(self.kept)), (len(self.reduction_memory), count)
+    def _room(self, count: int, traced: int | None = None) -> Recorded:
+        kept = (count if traced is None else min(traced, count), len(self.instants), len(self.kept))
+        memories = len(self.reduction_memory), count
         codes, steps, doubtful = (np.zeros(count, int) for _ in range(3))
         return Recorded(codes, steps, np.zeros(memories), np.zeros(kept), doubtful)
 
     def _in_lanes(
-        self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
-    ) -> Recorded:
-        recorded = self._room(len(plants))
+        self, plants: EnsemblePlants, lanes: int, threads: int, recorded: Recorded,
+        disturbances: Disturbances | None = None,
+    ) -> Recorded:  # fmt: skip
         for rows, number, data in self._arrays(plants, disturbances):
             kernel = self.kernel(number, lanes)
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
@@ -273,8 +280,8 @@ class Ensemble:
                     work.result()
         return recorded
 
-    def _on_gpu(self, plants: EnsemblePlants) -> Recorded:
-        recorded, doubts, whole = self._room(len(plants)), self.controller.doubts, self.reduction_memory
+    def _on_gpu(self, plants: EnsemblePlants, recorded: Recorded) -> None:
+        doubts, whole = self.controller.doubts, self.reduction_memory
         columns = np.add.outer(self.instants * len(self.kept), np.arange(len(self.kept)))
         places = {"reduction_memory": np.arange(len(whole)), "kept": columns.ravel()}
         if doubts:
@@ -291,7 +298,6 @@ class Ensemble:
             if self.kept:
                 kept = ended.returned["kept"].reshape(*columns.shape, -1)
                 self._keep(recorded, rows, kept)
-        return recorded
 
     def _arrays(
         self, plants: EnsemblePlants, disturbances: Disturbances | None = None
@@ -339,18 +345,19 @@ class Ensemble:
             recorded.doubtful[rows] = self.controller.doubts_in(arrays["memory"])[:count]
             if "reduction_memory" in arrays:
                 recorded.reduction_memory[:, rows] = arrays["reduction_memory"][:, :count]
-            if self.kept:
+            if self.kept and rows[0] < len(recorded.kept):
                 kept = arrays["kept"].reshape(samples, len(self.kept), -1)[self.instants]
-                self._keep(recorded, rows, kept[..., :count])
+                self._keep(recorded, rows, kept)
 
     def _keep(self, recorded: Recorded, rows: np.ndarray, kept: np.ndarray) -> None:
         """Enter signals (T, j, N) of some runs, but for what is after the last sample of one that failed."""
-        recorded.kept[rows] = kept.transpose(2, 0, 1)
+        rows = rows[rows < len(recorded.kept)]
+        recorded.kept[rows] = kept[..., : len(rows)].transpose(2, 0, 1)
         for row in rows[recorded.codes[rows] != 0]:
             recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
-    def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
-        recorded, settings = self._room(len(plants)), [dict(self.settings) for _ in range(len(plants))]
+    def _alone(self, plants: EnsemblePlants, threads: int, recorded: Recorded) -> None:
+        settings = [dict(self.settings) for _ in range(len(plants))]
         for k, (run, code, last) in enumerate(self._in_turn(plants, settings, threads)):
             recorded.codes[k], recorded.steps[k] = code, last
             recorded.doubtful[k] = run.doubtful_samples
@@ -365,10 +372,9 @@ class Ensemble:
                 self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
                 recorded.reduction_memory[:, k] = reduction_memory
             passed = self.instants < len(run.time)
-            recorded.kept[k, ~passed] = np.nan
+            recorded.kept[k : k + 1, ~passed] = np.nan  # nothing, of a run that is not traced
             for j, (kind, column) in enumerate(self.kept):
-                recorded.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
-        return recorded
+                recorded.kept[k : k + 1, passed, j] = run.signals[kind][self.instants[passed], column]
 
     def _in_turn(
         self, plants: EnsemblePlants, settings: Sequence[dict[str, Any]], threads: int
