@@ -276,9 +276,11 @@ def _proves(claim: PairClaim, k: int) -> bool:
     first, last = (inverse.transpose() * arb_mat(p.tolist()) * inverse for p in storages)
     if not (positive_definite(first) and positive_definite(last)):
         return False
-    p = TaylorMatrix([(first + last) * arb(0.5), (last - first) * arb(0.5), first * 0])
+    p = TaylorMatrix({(0, 0): (first + last) * arb(0.5), (1, 0): (last - first) * arb(0.5)})
     centre, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
-    value, slope, bend, *others = _inequality(_loop(claim, centre, half), p, root, inverse).parts
+    found = _inequality(_loop(claim, centre, half), p, root, inverse)
+    value, slope, bend = (found.coefficient((k, 0)) for k in range(3))
+    others = [*(part for (k, _), part in found.terms.items() if k > 2), found.remainder]
     # N₀ + N₁u + N₂u² ≥ N₀ + N₁u − D between −1 and 1 for every D ≥ 0 with N₂ + D ≥ 0.
     loss = _below(bend)
     unit = arb_mat(np.eye(value.nrows()).tolist())
@@ -431,7 +433,7 @@ def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
         first, second = (
             arb_mat([[arb(0) + entry for entry in row] for row in part.tolist()]) for part in parts
         )
-        return TaylorMatrix([first + second * (h**2 * centre), second * (h**2 * half), first * 0])
+        return TaylorMatrix({(0, 0): first + second * (h**2 * centre), (1, 0): second * (h**2 * half)})
 
     m, q = linear(forms.moved), linear(forms.gained)
     hamiltonian = TaylorMatrix.stacked([[m, linear(forms.entry)], [-q, -m.transpose()]])
@@ -442,7 +444,7 @@ def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
             return [1 / (link * h**2)]
 
         lift = arb_mat(forms.lift.tolist())
-        shift += TaylorMatrix([lift * part[0, 0] for part in taylor_row(reciprocal, centre, half).parts])
+        shift += taylor_row(reciprocal, centre, half).each(lambda part: lift * part[0, 0])
     return _Flow(hamiltonian, shift, linear(_still(claim)))
 
 
@@ -462,13 +464,13 @@ def regular_at_first(claim: PairClaim) -> bool:
     regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
     with _balls():
         whole_flow, size = _flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.added
-        rate, shift = whole_flow.hamiltonian.parts[0], whole_flow.shift
+        rate, shift = whole_flow.hamiltonian.constant, whole_flow.shift
         parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
         while parts:
             begin, end, halvings = parts.pop()
             centre, half = (begin + end) / 2, (end - begin) / 2
             try:
-                flow = TaylorMatrix([rate * centre, rate * half, rate * 0]).exponential()
+                flow = TaylorMatrix({(0, 0): rate * centre, (1, 0): rate * half}).exponential()
                 flow = flow.columns(size, 2 * size)
                 (shift @ flow.rows(0, size) + flow.rows(size, 2 * size)).inverse()
             except (ZeroDivisionError, OverflowError, ValueError):

@@ -1,7 +1,8 @@
-"""Matrices as polynomials of one variable −1 ≤ u ≤ 1 with remainders, in ball arithmetic [makino2003].
+"""Matrices as polynomials of −1 ≤ u, v ≤ 1 with remainders, in ball arithmetic [makino2003].
 
-An entry is Σ c_k uᵏ for k below `TERMS`, plus a remainder that a ball encloses at every u. Polynomials have narrow
-balls where plain balls of a whole interval would grow by the dependencies between entries.
+An entry is Σ c_kl uᵏ vˡ for k + l below `TERMS`, plus a remainder that a ball encloses at every u and v. Polynomials
+have narrow balls where plain balls of whole intervals would grow by the dependencies between entries. What does not
+depend on v costs nothing for it.
 """
 
 # Not checked strictly: parts of SciPy and NumPy have no types.
@@ -10,118 +11,164 @@ balls where plain balls of a whole interval would grow by the dependencies betwe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from itertools import product
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 from scipy.linalg import matrix_balance
 
-#: Coefficients of the polynomials; powers of a matrix in its exponential.
-TERMS, POWERS = 6, 32
+#: Degrees below which polynomials have terms, of one variable and of two; powers of a matrix in its exponential.
+TERMS, POWERS = (6, 5), 32
 
 #: Largest entry of a matrix that has an exponential here.
 LARGEST = 1e6
 
 Rows = Iterable[Iterable[arb | int | float]]
 
+#: The powers (k, l) of u and v.
+Powers = tuple[int, int]
+CONSTANT: Powers = (0, 0)
+
 
 class TaylorMatrix:
-    """A matrix with entries Σ c_k uᵏ + remainder."""
+    """A matrix with entries Σ c_kl uᵏ vˡ + remainder."""
 
-    def __init__(self, parts: Sequence[arb_mat]) -> None:
-        self.parts = list(
-            parts
-        )  # coefficients of 1, u, …, as far as there are any, at most `TERMS`; the remainder
+    def __init__(self, terms: Mapping[Powers, arb_mat], remainder: arb_mat | None = None) -> None:
+        self.terms = {CONSTANT: terms[CONSTANT], **terms}  # coefficients, as far as there are any
+        self.remainder = terms[CONSTANT] * 0 if remainder is None else remainder
 
     @classmethod
     def of(cls, rows: Rows) -> TaylorMatrix:
-        """A matrix of numbers and balls that do not depend on u."""
-        value = arb_mat([list(row) for row in rows])
-        return cls([value, value * 0])
+        """A matrix of numbers and balls that do not depend on u and v."""
+        return cls({CONSTANT: arb_mat([list(row) for row in rows])})
 
     @classmethod
     def stacked(cls, blocks: Sequence[Sequence[TaylorMatrix]]) -> TaylorMatrix:
         """Of blocks in rows."""
-        degree = max(len(block.parts) for row in blocks for block in row) - 1
-        parts: list[arb_mat] = []
-        for k in range(degree + 1):
-            rows: list[list[arb]] = []
-            for line in blocks:
-                tables = [block.part(k, degree).tolist() for block in line]
-                rows += [[entry for table in tables for entry in table[i]] for i in range(len(tables[0]))]
-            parts.append(arb_mat(rows))
-        return cls(parts)
 
-    def part(self, k: int, degree: int) -> arb_mat:
-        """The k-th coefficient; the remainder for k = degree."""
-        if k == degree:
-            return self.parts[-1]
-        return self.parts[k] if k < len(self.parts) - 1 else self.parts[-1] * 0
+        def joined(parts: list[list[arb_mat]]) -> arb_mat:
+            rows: list[list[arb]] = []
+            for line in parts:
+                tables = [part.tolist() for part in line]
+                rows += [[entry for table in tables for entry in table[i]] for i in range(len(tables[0]))]
+            return arb_mat(rows)
+
+        every = dict.fromkeys(powers for line in blocks for block in line for powers in block.terms)
+        terms = {
+            powers: joined([[b.coefficient(powers) for b in line] for line in blocks]) for powers in every
+        }
+        return cls(terms, joined([[block.remainder for block in line] for line in blocks]))
+
+    def coefficient(self, powers: Powers) -> arb_mat:
+        """Of a product of powers of u and v."""
+        found = self.terms.get(powers)
+        return self.terms[CONSTANT] * 0 if found is None else found
+
+    @property
+    def constant(self) -> arb_mat:
+        """The coefficient of 1."""
+        return self.terms[CONSTANT]
+
+    @property
+    def degree(self) -> int:
+        """Below which products and inverses have terms."""
+        return TERMS[any(l for _, l in self.terms)]
 
     @property
     def range(self) -> arb_mat:
-        """An enclosure for all u."""
-        first, *others = self.parts[:-1]
-        return sum((part * UNIT for part in others), first) + self.parts[-1]
+        """An enclosure for all u and v."""
+        return self._polynomial + self.remainder
+
+    @cached_property
+    def _tails(self) -> list[arb_mat]:
+        """Enclosures of all terms of degree 1 and more, 2 and more, and so on."""
+        tails: list[arb_mat] = []
+        for degree in range(max(map(sum, self.terms)), 0, -1):
+            own = [part * UNIT for powers, part in self.terms.items() if sum(powers) == degree]
+            tails.insert(0, sum(own[1:], own[0]) if not tails else sum(own, tails[0]))
+        return tails
+
+    @cached_property
+    def _polynomial(self) -> arb_mat:
+        return self.constant + self._tails[0] if self._tails else self.constant
+
+    def each(self, change: Callable[[arb_mat], arb_mat]) -> TaylorMatrix:
+        """A linear change of all coefficients, and of the remainder."""
+        return TaylorMatrix(
+            {powers: change(part) for powers, part in self.terms.items()}, change(self.remainder)
+        )
 
     def rows(self, begin: int, end: int) -> TaylorMatrix:
         """Some rows."""
-        return TaylorMatrix([arb_mat(part.tolist()[begin:end]) for part in self.parts])
+        return self.each(lambda part: arb_mat(part.tolist()[begin:end]))
 
     def columns(self, begin: int, end: int) -> TaylorMatrix:
         """Some columns."""
-        return self.transpose().rows(begin, end).transpose()
+        return self.each(lambda part: arb_mat([row[begin:end] for row in part.tolist()]))
 
     def transpose(self) -> TaylorMatrix:
         """Transposed."""
-        return TaylorMatrix([part.transpose() for part in self.parts])
+        return self.each(lambda part: part.transpose())
 
     def __add__(self, other: TaylorMatrix) -> TaylorMatrix:
-        degree = max(len(self.parts), len(other.parts)) - 1
-        return TaylorMatrix([self.part(k, degree) + other.part(k, degree) for k in range(degree + 1)])
+        terms = dict(self.terms)
+        for powers, part in other.terms.items():
+            terms[powers] = terms[powers] + part if powers in terms else part
+        return TaylorMatrix(terms, self.remainder + other.remainder)
 
     def __neg__(self) -> TaylorMatrix:
-        return TaylorMatrix([-part for part in self.parts])
+        return self.each(lambda part: -part)
 
     def __sub__(self, other: TaylorMatrix) -> TaylorMatrix:
         return self + -other
 
     def times(self, number: arb) -> TaylorMatrix:
         """Times a number."""
-        return TaylorMatrix([part * number for part in self.parts])
+        return self.each(lambda part: part * number)
 
     def __matmul__(self, other: TaylorMatrix) -> TaylorMatrix:
-        mine, theirs = self.parts[:-1], other.parts[:-1]
-        zero = mine[0] * theirs[0] * 0
-        parts = [zero for _ in range(min(TERMS, len(mine) + len(theirs) - 1))]
-        remainder = self.parts[-1] * other.range + (self.range - self.parts[-1]) * other.parts[-1]
-        for (i, x), (j, y) in product(enumerate(mine), enumerate(theirs)):
-            if i + j < TERMS:
-                parts[i + j] += x * y
-            else:
-                remainder += x * y * UNIT
-        return TaylorMatrix([*parts, remainder])
+        degree, tails = min(self.degree, other.degree), other._tails
+        remainder = self.remainder * other.range
+        remainder += self._polynomial * other.remainder
+        terms: dict[Powers, arb_mat] = {}
+        for (k, l), x in self.terms.items():
+            for (i, j), y in other.terms.items():
+                if k + l + i + j < degree:
+                    place, part = (k + i, l + j), x * y
+                    terms[place] = terms[place] + part if place in terms else part
+            # What is left out: uᵏ vˡ times the other's terms of some degree or more.
+            least = degree - k - l
+            if least <= 0:
+                remainder += x * other._polynomial * UNIT
+            elif least <= len(tails):
+                remainder += x * tails[least - 1]
+        return TaylorMatrix(terms, remainder)
 
     def inverse(self) -> TaylorMatrix:
-        """The inverse at every u; ZeroDivisionError where none is found."""
-        own = [self.part(k, TERMS) for k in range(TERMS)]
-        first = own[0].inv()
-        parts = [first]
-        for k in range(1, TERMS):
-            parts.append(-first * sum((own[i] * parts[k - i] for i in range(1, k + 1)), first * 0))
-        near = TaylorMatrix([*parts, first * 0])
+        """The inverse at every u and v; ZeroDivisionError where none is found."""
+        first, degree = self.constant.inv(), self.degree
+        others = [(powers, part) for powers, part in self.terms.items() if powers != CONSTANT]
+        both = degree == TERMS[1]
+        terms = {CONSTANT: first}
+        for total in range(1, degree):
+            for l in range(total + 1) if both else [0]:
+                k = total - l
+                found = [part * terms[k - i, l - j] for (i, j), part in others if (k - i, l - j) in terms]
+                if found:
+                    terms[k, l] = -first * sum(found[1:], found[0])
+        near = TaylorMatrix(terms)
         unit = TaylorMatrix.of(np.eye(first.nrows()).tolist())
         error = frobenius((unit - self @ near).range.entries())
         if not error < 1:
             raise ZeroDivisionError("an inverse that may not exist")
         # A⁻¹ = X (1 − E)⁻¹ with E = 1 − A X.
         remainder = (frobenius(near.range.entries()) * error / (1 - error)).abs_upper()
-        return TaylorMatrix([*parts, _filled(first, arb(0, remainder))])
+        return TaylorMatrix(terms, _filled(first, arb(0, remainder)))
 
     def exponential(self) -> TaylorMatrix:
         """exp of a square matrix, by its power series and squares; rows and columns are scaled by powers of two."""
-        middle = np.array([[float(e.mid()) for e in row] for row in self.parts[0].tolist()])
+        middle = np.array([[float(e.mid()) for e in row] for row in self.constant.tolist()])
         if not np.abs(middle).max() < LARGEST:
             raise ZeroDivisionError("a matrix whose exponential has no use")
         _, (scale, _) = matrix_balance(middle, permute=False, separate=True)
@@ -135,7 +182,7 @@ class TaylorMatrix:
         values = unit
         for k in range(POWERS - 1, 0, -1):
             values = unit + (power @ values).times(arb(1) / k)
-        values.parts[-1] += _filled(values.parts[-1], arb(0, remainder))
+        values = TaylorMatrix(values.terms, values.remainder + _filled(values.remainder, arb(0, remainder)))
         for _ in range(squares):
             values = values @ values
         return values._scaled(1.0 / scale)
@@ -144,7 +191,7 @@ class TaylorMatrix:
         """Column j times scale_j, row i divided by scale_i; powers of two."""
         left = arb_mat(np.diag(1.0 / scale).tolist())
         right = arb_mat(np.diag(scale).tolist())
-        return TaylorMatrix([left * part * right for part in self.parts])
+        return self.each(lambda part: left * part * right)
 
 
 UNIT = arb(0, 1)
@@ -154,16 +201,18 @@ def taylor_row(
     function: Callable[[arb_series], Sequence[arb_series]], centre: arb, half: arb
 ) -> TaylorMatrix:
     """A row of analytic functions of centre + half·u: coefficients at the centre, and the next one on the interval."""
-    cap = ctx.cap
+    cap, terms = ctx.cap, TERMS[0]
     try:
-        ctx.cap = TERMS
+        ctx.cap = terms
         inside = [value + arb_series([0]) for value in function(arb_series([centre, half]))]
-        ctx.cap = TERMS + 1
+        ctx.cap = terms + 1
         around = [value + arb_series([0]) for value in function(arb_series([centre + half * UNIT, half]))]
     finally:
         ctx.cap = cap
-    parts = [arb_mat([[value[k] for value in inside]]) for k in range(TERMS)]
-    return TaylorMatrix([*parts, arb_mat([[value[TERMS] * UNIT for value in around]])])
+    return TaylorMatrix(
+        {(k, 0): arb_mat([[value[k] for value in inside]]) for k in range(terms)},
+        arb_mat([[value[terms] * UNIT for value in around]]),
+    )
 
 
 def frobenius(entries: Iterable[arb]) -> arb:
