@@ -55,6 +55,9 @@ def test_products_inverses_and_exponentials_are_enclosed_and_narrowly(variables)
                 lambda x, y: arb_mat([a + b for a, b in zip(x.tolist(), y.tolist())]),
             ),
         }
+        for u, v in places(rng):
+            turned = at(other.along(arb(2), arb(3)).turned(), u, v) - at(other, u, -v) * (2 - 3 * arb(v))
+            assert all(e.contains(0) for e in turned.entries())
         both = V in variables[0] + variables[1]
         for name, (enclosed, exactly) in found.items():
             for u, v in places(rng):

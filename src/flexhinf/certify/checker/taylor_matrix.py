@@ -18,7 +18,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 from scipy.linalg import matrix_balance
 
-#: Degrees below which polynomials have terms, of one variable and of two; powers of a matrix in its exponential.
+#: Degrees below which polynomials have terms, of one variable and of two; most powers of a matrix in its exponential.
 TERMS, POWERS = (6, 5), 32
 
 #: Largest entry of a matrix that has an exponential here.
@@ -127,6 +127,19 @@ class TaylorMatrix:
         """Times a number."""
         return self.each(lambda part: part * number)
 
+    def along(self, constant: arb, slope: arb) -> TaylorMatrix:
+        """Times constant + slope · v."""
+        terms = {powers: part * constant for powers, part in self.terms.items()}
+        for (k, l), part in self.terms.items():
+            more = part * slope
+            terms[k, l + 1] = terms[k, l + 1] + more if (k, l + 1) in terms else more
+        return TaylorMatrix(terms, self.remainder * (constant + slope * UNIT))
+
+    def turned(self) -> TaylorMatrix:
+        """The same at −v."""
+        terms = {(k, l): -part if l % 2 else part for (k, l), part in self.terms.items()}
+        return TaylorMatrix(terms, self.remainder)
+
     def __matmul__(self, other: TaylorMatrix) -> TaylorMatrix:
         degree, tails = min(self.degree, other.degree), other._tails
         remainder = self.remainder * other.range
@@ -159,12 +172,13 @@ class TaylorMatrix:
                     terms[k, l] = -first * sum(found[1:], found[0])
         near = TaylorMatrix(terms)
         unit = TaylorMatrix.of(np.eye(first.nrows()).tolist())
-        error = frobenius((unit - self @ near).range.entries())
+        left = (unit - self @ near).range
+        error = frobenius(left.entries())
         if not error < 1:
             raise ZeroDivisionError("an inverse that may not exist")
-        # A⁻¹ = X (1 − E)⁻¹ with E = 1 − A X.
-        remainder = (frobenius(near.range.entries()) * error / (1 - error)).abs_upper()
-        return TaylorMatrix(terms, _filled(first, arb(0, remainder)))
+        # A⁻¹ = X (1 + E + E² (1 − E)⁻¹) with E = 1 − A X. Of E entries are kept, of what follows a norm.
+        more = _filled(first, arb(0, (error**2 / (1 - error)).abs_upper()))
+        return TaylorMatrix(terms, near.range * (left + more))
 
     def exponential(self) -> TaylorMatrix:
         """exp of a square matrix, by its power series and squares; rows and columns are scaled by powers of two."""
@@ -177,12 +191,17 @@ class TaylorMatrix:
         squares = max(0, int(np.ceil(np.log2(max(1.0, float(size.abs_upper()))))))
         power = own.times(arb(1) / 2**squares)
         norm = size / 2**squares
-        remainder = (norm**POWERS * norm.exp() / arb(POWERS + 1).gamma()).abs_upper()
+        count, remainder = 1, norm * norm.exp()
+        while count < POWERS and not remainder < arb(2) ** -ctx.prec:
+            count += 1
+            remainder = remainder * norm / count
         unit = TaylorMatrix.of(np.eye(len(middle)).tolist())
         values = unit
-        for k in range(POWERS - 1, 0, -1):
+        for k in range(count - 1, 0, -1):
             values = unit + (power @ values).times(arb(1) / k)
-        values = TaylorMatrix(values.terms, values.remainder + _filled(values.remainder, arb(0, remainder)))
+        values = TaylorMatrix(
+            values.terms, values.remainder + _filled(values.remainder, arb(0, remainder.abs_upper()))
+        )
         for _ in range(squares):
             values = values @ values
         return values._scaled(1.0 / scale)
