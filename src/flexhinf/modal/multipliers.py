@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -168,7 +168,7 @@ def _channel_starts(errors: Errors) -> Iterator[tuple[float, ...]]:
 def _of_masses(pairs: SampledPairs, shape: Sector) -> Iterator[list[float]]:
     """τ of slow vibrations, then pole and step of filters: by responses these cover errors of masses alone, without
     filters and with as few as bring more."""
-    seen = _Responses(pairs, shape)
+    seen = _Responses(replace(pairs, delay=0.0, late=0.0), shape)
     best = 0.0
     for count in range(FILTERS + 1):
         tried = [(seen.largest(poles), poles) for poles in combinations(POLES, count)]
@@ -245,9 +245,10 @@ class _Largest:
     """The largest multiples of errors that multipliers cover at some λ."""
 
     def __init__(self, pairs: SampledPairs, shape: Errors, count: int, fixed: Errors) -> None:
-        self.pairs, self.shape, self.fixed = pairs, shape, fixed
-        self.links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
-        self.stable = all(pairs.decay(link) > 0.0 for link in self.links)
+        self.shape, self.fixed = shape, fixed
+        links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
+        self.loops = list(product(pairs.some_late, links))
+        self.stable = all(loop.decay(link) > 0.0 for loop, link in self.loops)
 
     def errors(self, share: float) -> Errors:
         """The errors of a share."""
@@ -255,9 +256,9 @@ class _Largest:
 
     def tolerates(self, share: float, multipliers: Multipliers) -> bool:
         """Whether errors of this share are covered at all λ."""
-        for k, link in enumerate(self.links):
-            if gain_peak(worst_period(self.pairs, link, self.errors(share), multipliers)) >= 1.0:
-                self.links.insert(0, self.links.pop(k))  # the next question is likely to fail here too
+        for k, (loop, link) in enumerate(self.loops):
+            if gain_peak(worst_period(loop, link, self.errors(share), multipliers)) >= 1.0:
+                self.loops.insert(0, self.loops.pop(k))  # the next question is likely to fail here too
                 return False
         return self.stable
 

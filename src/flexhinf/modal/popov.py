@@ -35,6 +35,7 @@ The unit of time is the period, so that all numbers have a size near one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
 DOUBLINGS, MORE, WEIGHT = 45, 0.05, 1e-3
 
 #: Share of the largest eigenvalue of Y that counts as reached.
-REACHED = 1e-6
+REACHED = 1e-8
 
 #: The rooms at which a lift is looked for, and the share of an entry of P by which it clears 0.
 LIFTED, CLEAR = (0.01, 1e-3, 1e-5), 0.05
@@ -157,24 +158,46 @@ def worst_period(
     h = pairs.gains.period
     rates = link * h**2, pairs.gains.pair(link).motor * h**2, rate * h
     worst = _WorstErrors(pairs.model(link), rates, errors, multipliers)
-    size, extra = len(worst.flow), len(worst.flow) - 5
-    flow = expm(np.block([[worst.flow, worst.entry], [-worst.gained, -worst.flow.T]]))
+    extra, shift = len(worst.flow) - 5, worst.shift
+    hamiltonian = np.block([[worst.flow, worst.entry], [-worst.gained, -worst.flow.T]])
+    if pairs.delay:
+        flow, shift = (
+            _late(hamiltonian, pairs.late, rates[2]),
+            np.insert(np.insert(shift, 4, 0.0, 0), 4, 0.0, 1),
+        )
+    else:
+        flow = expm(hamiltonian)
     (a, b), (c, d) = (np.hsplit(part, 2) for part in np.vsplit(flow, 2))
-    end = worst.shift @ b + d
+    end = shift @ b + d
     inverse = np.linalg.inv(end)
-    w, q = b @ inverse, inverse @ (end @ worst.shift - worst.shift @ a - c)
+    w, q = b @ inverse, inverse @ (end @ shift - shift @ a - c)
     acting, memory = pairs.memory(link)
-    states = acting.shape[1] + extra
-    entered = np.zeros((size, states))
-    entered[:5, : states - extra] = acting
-    entered[5:, states - extra :] = np.eye(extra)
+    rows, states = len(acting), acting.shape[1] + extra
+    entered = np.zeros((rows + extra, states))
+    entered[:rows, : states - extra] = acting
+    entered[rows:, states - extra :] = np.eye(extra)
     whole = np.zeros((states, states))
-    kept, own = [*range(4), *range(states - extra, states)], [*range(4), *range(5, size)]
+    kept, own = [*range(4), *range(states - extra, states)], [*range(4), *range(rows, rows + extra)]
     whole[np.ix_(kept, kept)] = 0.5 * (w + w.T)[np.ix_(own, own)]
     moved = inverse.T @ entered
     after_memory = np.pad(np.exp(rate * h) * memory, ((0, 0), (0, extra)))
-    after = np.vstack([moved[:4], after_memory, moved[5:]])
+    after = np.vstack([moved[:4], after_memory, moved[rows:]])
     return WorstPeriod(after, 0.5 * entered.T @ (q + q.T) @ entered, whole)
+
+
+def _late(hamiltonian: np.ndarray, late: float, alpha: float) -> np.ndarray:
+    """A flow over a period in which the input of the period before, which stands before the new one, acts until θ."""
+    size = len(hamiltonian) // 2 + 1
+    flow = np.eye(2 * size)
+    for input, duration, growth in ((4, late, alpha * late), (5, 1.0 - late, 0.0)):
+        acts = [k for k in range(size) if k != 9 - input]
+        both = [*acts, *(size + k for k in acts)]
+        part = np.eye(2 * size)
+        part[np.ix_(both, both)] = expm(duration * hamiltonian)
+        part[5, 5] *= np.exp(growth)  # the new input waits, and is one of the signals times exp(αt)
+        part[size + 5, size + 5] *= np.exp(-growth)
+        flow = part @ flow
+    return flow
 
 
 class _WorstErrors:
@@ -344,13 +367,14 @@ class PairStorages:
     multipliers: Multipliers
     rate: float  # α, 1/s
 
-    def at(self, link: float, room: float) -> np.ndarray | None:
-        """P (n, n), its room a share of the distance of the slowest mode from the unit circle; None where there is
-        none."""
-        wide = self._widened(link, room)
+    def at(self, link: float, room: float, late: float = 0.0) -> np.ndarray | None:
+        """P (n, n) for a θ, its room a share of the distance of the slowest mode from the unit circle; None where there
+        is none."""
+        wide = self._widened(link, room, late)
         if wide is None:
             return None
-        return storage(wide, worst_period(self.pairs, link, self.errors, self.multipliers, self.rate))
+        loop = self.pairs.late_by(late)
+        return storage(wide, worst_period(loop, link, self.errors, self.multipliers, self.rate))
 
     def lifted(self, count: int = 12) -> PairStorages:
         """The same with numbers c that make P positive at `count` λ where some do."""
@@ -359,7 +383,8 @@ class PairStorages:
             return self
         found: list[tuple[np.ndarray, np.ndarray]] = []
         for link in map(float, self.pairs.gains.links(count, np.inf)):
-            for wide in (self._widened(link, room) for room in LIFTED):
+            for room, loop in product(LIFTED, self.pairs.some_late):
+                wide = self._widened(link, room, loop.late)
                 if wide is not None and (solutions := _solutions(wide)) is not None:
                     sizes = [link * self.pairs.gains.period**2] * len(filters) + [1.0] * self._waiting
                     found.append(self._by_themselves(solutions[0], np.sqrt(sizes)))
@@ -397,9 +422,9 @@ class PairStorages:
         alone = part - beside.T @ np.linalg.solve(p[np.ix_(others, others)], beside)
         return alone * np.outer(units, units), np.diag(part) * units**2
 
-    def _widened(self, link: float, room: float) -> WorstPeriod | None:
+    def _widened(self, link: float, room: float, late: float) -> WorstPeriod | None:
         """A worst period that is worse by a room; None where no P exists."""
-        a, q, w = worst_period(self.pairs, link, self.errors, self.multipliers, self.rate)
+        a, q, w = worst_period(self.pairs.late_by(late), link, self.errors, self.multipliers, self.rate)
         own = len(a) - self._waiting
         # A holds an error of the multiplier's choice, and need not be stable; without it is a loop within the sector.
         loop = worst_period(self.pairs, link, self.errors, self.multipliers.without_gain, self.rate).a[

@@ -10,7 +10,7 @@ The unit of time is the period, so that all numbers have a size near one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,23 @@ class SampledPairs:
     gains: PairGains
     latency: int = 0
     filter: ModalFilter | None = None
+    delay: float = 0.0  # θ₁, samples, at most 1: inputs act later by an unknown constant θ up to it
+    late: float = 0.0  # θ of the loop that is computed
+
+    def late_by(self, late: float) -> SampledPairs:
+        """The same loops with another θ."""
+        if late == self.late:
+            return self
+        return self._others.setdefault(late, replace(self, late=late))
+
+    @cached_property
+    def _others(self) -> dict[float, SampledPairs]:
+        return {}
+
+    @property
+    def some_late(self) -> list[SampledPairs]:
+        """Loops with the smallest, a middle and the largest θ."""
+        return [self.late_by(share * self.delay) for share in (0.0, 0.5, 1.0)] if self.delay else [self]
 
     def model(self, link: float) -> np.ndarray:
         """M (5, 5) of (z, z′, s, s′, f), in units of the period."""
@@ -50,14 +67,16 @@ class SampledPairs:
         """The state and the acting input (5, n), and the memory after a period (n − 4, n), by the n states.
 
         The states are (z, z′, s, s′), the filter's prediction of these, the integral in periods, the last position, and
-        the inputs that wait, the next one first.
+        the inputs that wait, the next one first. With an unknown delay the input of the period before stands before
+        those that wait, and before the acting one (6, n).
         """
         if link in self._memories:
             return self._memories[link]
         h, observed = self.gains.period, self.filter is not None
-        size = 6 + self.latency + 4 * observed
-        unit = np.eye(size)
+        delayed = self.delay > 0.0
+        unit = np.eye(6 + delayed + self.latency + 4 * observed)
         state, others = unit[:4], unit[4 + 4 * observed :]
+        before, waiting = others[2 : 2 + delayed], others[2 + delayed :]
         flow = expm(self.model(link))[:4]
         estimate, position = state, state[0]
         if self.filter is not None:
@@ -73,13 +92,14 @@ class SampledPairs:
             if [1.0, 0.0, 0.0, 0.0] not in seen.tolist():
                 position = estimate[0]
         integral, ahead = others[0] + 0.5 * (others[1] + position), estimate
-        for waiting in others[2:]:
-            ahead = flow @ np.vstack([ahead, waiting])
+        for one in waiting:
+            ahead = flow @ np.vstack([ahead, one])
         kz, kdz, kw, kdw, ke = self.gains(link)[:5]
         gain = np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
-        queue = np.vstack([others[2:], -gain @ np.vstack([ahead, integral])])
+        queue = np.vstack([waiting, -gain @ np.vstack([ahead, integral])])
         predicted = [flow @ np.vstack([estimate, queue[0]])] if observed else []
-        found = np.vstack([state, queue[0]]), np.vstack([*predicted, integral, position, queue[1:]])
+        kept = [integral, position, queue[:delayed], queue[1:]]
+        found = np.vstack([state, before, queue[0]]), np.vstack([*predicted, *kept])
         return self._memories.setdefault(link, found)
 
     def radius(
@@ -102,7 +122,12 @@ class SampledPairs:
         model[3::5, 0::5] += falls
         motor = self.gains.motor * self.gains.period**2
         model[3::5, 2::5] -= added + motor * (stiffness - np.eye(count))
-        moved = (expm(model) @ _along_diagonal(acting)).reshape(count, 5, -1)[:, :4]
+        reached = _along_diagonal([own[:5] for own in acting])
+        if self.delay:  # until θ the input of the period before acts
+            now = _along_diagonal([own[-5:] for own in acting])
+            reached = expm(self.late * model) @ reached
+            reached[4::5] = now[4::5]
+        moved = (expm((1.0 - self.late) * model) @ reached).reshape(count, 5, -1)[:, :4]
         kept = _along_diagonal(memory).reshape(count, len(memory[0]), -1)
         loop = np.concatenate([moved, kept], axis=1).reshape(moved.shape[2], -1)
         return float(np.abs(np.linalg.eigvals(loop)).max())

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim
-from flexhinf.certify.checker.pairs import ERRORS
+from flexhinf.certify.checker.pairs import ERRORS, CheckedPairs
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.moves import ProvedMoves
@@ -150,6 +150,13 @@ def _loop_text(setup: WorkspaceSetup) -> str:
     return f"{latency} of latency and {'the' if modal_filter(setup) is not None else 'no'} estimator"
 
 
+def delay_text(checked: CheckedPairs | None, period: float) -> str:
+    """The unknown delay that a proof holds, with a comma before it; the period in s."""
+    if checked is None or not checked.delay:
+        return ""
+    return f", with an unknown constant delay of up to {at_least(1e3 * period * checked.delay, 3)} ms"
+
+
 def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     """What the theorem holds for."""
     setup, checked = proof.setup, proof.checked
@@ -181,7 +188,8 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
         f"{springs}, linear and without damping; motors as the model's, made alike with the true torque of the springs",
         f"small motions about rest, {_slope_hypothesis(proof, slope)}; no dry friction, no backlash, no limit of an "
         "input",
-        f"the sampled loop with {_loop_text(setup)}, and exact motion between the samples; no other delay",
+        f"the sampled loop with {_loop_text(setup)}{delay_text(checked, setup.specification.period)}, and exact motion "
+        "between the samples; no other delay",
     )
 
 
@@ -229,6 +237,7 @@ def proof_text(proof: WorkspaceProof) -> str:
             return "Not proved: nothing is proved of this controller."
         return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
     proved, inside = errors_text(proof.errors), proof.poses_inside
+    proved += delay_text(checked, proof.setup.specification.period)
     by_errors = 0 < stated.poses < inside == RANGE_POSES
     where = where or f"at {stated.poses if by_errors else f'{inside} of {RANGE_POSES}'} sampled poses"
     if not stated.of_tolerances.errors.largest:
@@ -474,6 +483,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
         "unstable_springs": proof.unstable_springs and finite(proof.unstable_springs._asdict()),
         "stable": finite(proof.stable._asdict()),
         "latency": proof.setup.specification.known_latency,
+        "unknown_delay": proof.setup.specification.unknown_samples,
         "estimator": modal_filter(proof.setup) is not None,
         **law_numbers(proof.setup),
         "pairs": proof.numbers,
@@ -521,7 +531,8 @@ def pair_text(verdict: PairVerdict) -> str:
     filter = "no estimator" if verdict.claim.seen is None else "the estimator"
     return (
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
-        f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file, in "
+        f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file"
+        f"{delay_text(found, verdict.claim.period)}, in "
         f"{count_text(found.intervals, 'interval')}. {_arm_text(verdict.arm)}{_checked_moves_text(verdict.moves)}"
     )
 

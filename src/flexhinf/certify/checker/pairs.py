@@ -2,8 +2,8 @@
 
 The file has the law of the pairs, the loop, two sectors, multipliers, and intervals of λ with P at both ends. P(λ) is
 linear between these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is
-a polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less the norms
-of all that follows.
+a polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less a part of
+all that follows. With an unknown delay θ an interval is divided into boxes, in which P is bilinear in λ and θ.
 
 Nothing is imported from the search. Every number of the file is a double, and read as this rational number.
 """
@@ -16,11 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
+from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, frobenius, positive_definite, taylor_row
 from flexhinf.errors import InvalidInput, refuse_if
 
@@ -34,12 +36,15 @@ MORE = 1e-6
 PARTS, HALVINGS = 4, 8
 
 #: Keys of single numbers in a file.
-LOOP = ["period", "motor", "damping", "holding", "input", "rate"]
+LOOP = ["period", "motor", "damping", "holding", "input", "rate", "delay"]
 ERRORS = ["lower", "upper", "softer", "stiffer", "falling", "holding_up"]
 SPRING_WEIGHTS = ["spring_multiplier", "twist_weight", "rate_weight", "lift"]
 SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift"]
 MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS]
 SCALARS = [*LOOP, *ERRORS, *MULTIPLIERS]
+
+#: Degree of u and v together up to which parts of N that bend count by their directions; the others count by norms.
+BENT = 3
 
 #: Most intervals, states of a pair, terms of a filter's series, and filters of the multiplier in a file.
 MOST = 100_000, 40, 2_000, 4
@@ -76,13 +81,15 @@ class PairClaim(NamedTuple):
     slope_lift: float
     filters: np.ndarray  # (k, 3), p, σ and c of each filter of the multiplier
     rate: float  # α, 1/s
+    delay: float  # θ₁, samples: the unknown delay is between 0 and this
     links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
-    storages: np.ndarray  # (N, 2, n, n), P at both ends of each
+    delays: list[list[float]]  # (N, k), 0 to θ₁ in each of these, in samples
+    storages: list[np.ndarray]  # (N, k, 2, n, n), P at these θ, at both ends of the interval
 
     @property
     def states(self) -> int:
         """n, of the loop of a pair, and what errors add."""
-        return 6 + self.latency + 4 * (self.seen is not None) + self.added
+        return 6 + (self.delay > 0.0) + self.latency + 4 * (self.seen is not None) + self.added
 
     @property
     def added(self) -> int:
@@ -112,6 +119,7 @@ class CheckedPairs(NamedTuple):
     falling: float  # γ₁: slopes of gravity down to −γ₁ K
     holding_up: float  # γ₂: and up to γ₂ K
     rate: float  # α, 1/s: small motions about rest decay at least like exp(−αt)
+    delay: float  # θ₁, samples: with every constant delay of the inputs up to it, beside the latency
     intervals: int
 
 
@@ -148,13 +156,18 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
         springs = max(one["softer"], one["stiffer"]) > 0.0
         slope = max(one["falling"], one["holding_up"]) > 0.0
-        n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + bool(springs) + bool(slope)
+        delayed = bool(one["delay"] > 0.0)
+        n = 6 + delayed + latency + 4 * (seen is not None) + 2 * len(filters) + bool(springs) + bool(slope)
         links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
-        triangles = finite_numbers([part["storages"] for part in parts], 3)
+        delays = [finite_numbers(part["delays"], 1).tolist() if delayed else [0.0] for part in parts]
+        storages = [
+            _symmetric(finite_numbers(part["storages"] if delayed else [part["storages"]], 3), len(own), n)
+            for part, own in zip(parts, delays)
+        ]
         if any(part["low"] != low for part, low in zip(parts, links.tolist())):
             raise ValueError("an interval does not begin where the one before it ends")
-        if coefficients.shape != (5, len(poles) + 1) or triangles.shape[1:] != (2, n * (n + 1) // 2):
-            raise ValueError("the law or a storage has other shapes")
+        if coefficients.shape != (5, len(poles) + 1):
+            raise ValueError("the law has another shape")
     wrong = [
         name
         for name, right in (
@@ -179,6 +192,9 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             ),
             ("filters", (filters[:, 0] > 0.0).all()),
             ("poles", (poles > 0.0).all()),
+            ("delay", 0.0 <= one["delay"] <= 1.0),
+            ("delays", all(own[0] == 0.0 and own[-1] == one["delay"] for own in delays)),
+            ("delays", all(first < last for own in delays for first, last in pairwise(own))),
             ("intervals", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
         )
         if not right
@@ -189,9 +205,6 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         f"expected positive rates, sectors below 1, weights and ascending intervals, got other {', '.join(wrong)}",
         "the file that flexhinf certify has written",
     )
-    storages = np.zeros((len(parts), 2, n, n))
-    rows, columns = np.tril_indices(n)
-    storages[..., rows, columns] = storages[..., columns, rows] = triangles
     return PairClaim(
         **{name: float(value) for name, value in one.items()},
         latency=latency,
@@ -202,8 +215,19 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         filter_range=ends,
         filters=filters,
         links=links,
+        delays=delays,
         storages=storages,
     )
+
+
+def _symmetric(triangles: np.ndarray, count: int, n: int) -> np.ndarray:
+    """Matrices (count, 2, n, n) of their lower triangles."""
+    if triangles.shape != (count, 2, n * (n + 1) // 2):
+        raise ValueError("a storage has another shape")
+    matrices = np.zeros((count, 2, n, n))
+    rows, columns = np.tril_indices(n)
+    matrices[..., rows, columns] = matrices[..., columns, rows] = triangles
+    return matrices
 
 
 def _filters(value: object) -> np.ndarray:
@@ -242,14 +266,33 @@ def check_pairs(claim: PairClaim) -> CheckedPairs | int:
             return k
     low, high = claim.links[[0, -1]].tolist()
     errors = claim.lower, claim.upper, claim.softer, claim.stiffer, claim.falling, claim.holding_up
-    return CheckedPairs(low, high, *errors, claim.rate, len(claim.storages))
+    return CheckedPairs(low, high, *errors, claim.rate, claim.delay, len(claim.storages))
+
+
+class Box(NamedTuple):
+    """An interval of λ, in 1/s², and one of θ, in samples, or one θ; P at their ends."""
+
+    links: tuple[float, float]
+    delays: tuple[float, float]
+    storages: np.ndarray  # (2, 2, n, n), at the ends of θ and of λ; (1, 2, n, n) for one θ
 
 
 def interval_proved(claim: PairClaim, k: int) -> bool:
-    """Whether P > 0 and N > 0 for all λ of an interval."""
+    """Whether P > 0 and N > 0 for all λ of an interval, and all θ."""
+    (low, high), delays, storages = claim.links[k : k + 2].tolist(), claim.delays[k], claim.storages[k]
+    if not claim.delay:
+        return box_proved(claim, Box((low, high), (0.0, 0.0), storages))
+    return all(
+        box_proved(claim, Box((low, high), ends, storages[i : i + 2]))
+        for i, ends in enumerate(pairwise(delays))
+    )
+
+
+def box_proved(claim: PairClaim, box: Box) -> bool:
+    """Whether P > 0 and N > 0 for all λ and θ of a box."""
     with _balls():
         try:
-            return _proves(claim, k)
+            return _proves(claim, box)
         except (
             ZeroDivisionError,
             OverflowError,
@@ -269,34 +312,57 @@ def _balls() -> Generator[None]:
         ctx.prec = before
 
 
-def _proves(claim: PairClaim, k: int) -> bool:
-    (low, high), storages = claim.links[k : k + 2].tolist(), claim.storages[k]
-    root = arb_mat(np.linalg.cholesky(storages.mean(axis=0)).T.tolist())
+def _proves(claim: PairClaim, box: Box) -> bool:
+    (low, high), (begin, end) = map(arb, box.links), map(arb, box.delays)
+    root = arb_mat(np.linalg.cholesky(box.storages.mean(axis=(0, 1))).T.tolist())
     inverse = root.inv()
-    first, last = (inverse.transpose() * arb_mat(p.tolist()) * inverse for p in storages)
-    if not (positive_definite(first) and positive_definite(last)):
+    corners = [[inverse.transpose() * arb_mat(p.tolist()) * inverse for p in row] for row in box.storages]
+    if not all(positive_definite(p) for row in corners for p in row):
         return False
-    p = TaylorMatrix({(0, 0): (first + last) * arb(0.5), (1, 0): (last - first) * arb(0.5)})
-    centre, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
-    found = _inequality(_loop(claim, centre, half), p, root, inverse)
-    value, slope, bend = (found.coefficient((k, 0)) for k in range(3))
-    others = [*(part for (k, _), part in found.terms.items() if k > 2), found.remainder]
-    # N₀ + N₁u + N₂u² ≥ N₀ + N₁u − D between −1 and 1 for every D ≥ 0 with N₂ + D ≥ 0.
-    loss = _below(bend)
-    unit = arb_mat(np.eye(value.nrows()).tolist())
-    tail = loss + unit * sum((frobenius(part.entries()) for part in others), arb(0))
-    return positive_definite(bend + loss) and all(
-        positive_definite(value + sign * slope - tail) for sign in (1, -1)
+    half, rows = arb(0.5), [((first + last) * arb(0.5), (last - first) * arb(0.5)) for first, last in corners]
+    p = TaylorMatrix({(k, 0): (rows[0][k] + rows[-1][k]) * half for k in (0, 1)})
+    if len(rows) > 1:
+        p += TaylorMatrix(
+            {(0, 0): corners[0][0] * 0, **{(k, 1): (rows[1][k] - rows[0][k]) * half for k in (0, 1)}}
+        )
+    worst = _loop(claim, (low + high) / 2, (high - low) / 2, ((begin + end) / 2, (end - begin) / 2))
+    return _positive(_inequality(worst, p, root, inverse))
+
+
+def _positive(matrix: TaylorMatrix) -> bool:
+    """Whether a symmetric matrix is positive definite at all u and v.
+
+    What is linear in u and in v is so if it is at their ends. A part M uᵏvˡ is not below −D for D ≥ 0 with M + D ≥ 0,
+    and D − M ≥ 0 too where k or l is odd.
+    """
+    value, rest = matrix.constant, frobenius(matrix.remainder.entries())
+    loss, linear = value * 0, dict[tuple[int, int], arb_mat]()
+    for (k, l), part in matrix.terms.items():
+        if max(k, l) < 2:
+            linear[k, l] = part
+        elif k + l > BENT:
+            rest += frobenius(part.entries())
+        else:
+            odd = bool(k % 2 or l % 2)
+            own = _below(part, odd)
+            if not positive_definite(own + part) or (odd and not positive_definite(own - part)):
+                return False
+            loss += own
+    loss += arb_mat(np.eye(value.nrows()).tolist()) * rest
+    ends = [1, -1] if any(l for _, l in linear) else [1]
+    return all(
+        positive_definite(sum((part * (u**k * v**l) for (k, l), part in linear.items()), -loss))
+        for u, v in product((1, -1), ends)
     )
 
 
-def _below(matrix: arb_mat) -> arb_mat:
-    """The negative part of a symmetric matrix, some more than that; of the middles of its balls."""
+def _below(matrix: arb_mat, either: bool) -> arb_mat:
+    """The negative part of a symmetric matrix, or of that and its negative, some more than that; of the middles of its
+    balls."""
     middle = np.array([[float(entry.mid()) for entry in row] for row in matrix.tolist()])
     values, vectors = np.linalg.eigh(0.5 * (middle + middle.T))
-    part = (vectors * np.maximum(-values, 0.0)) @ vectors.T + MORE * np.abs(values).max() * np.eye(
-        len(values)
-    )
+    kept = np.abs(values) if either else np.maximum(-values, 0.0)
+    part = (vectors * kept) @ vectors.T + MORE * np.abs(values).max() * np.eye(len(values))
     return arb_mat((0.5 * (part + part.T)).tolist())
 
 
@@ -317,26 +383,29 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
     return TaylorMatrix.stacked([[first, moved.transpose()], [moved, last]])
 
 
-def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
-    """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
-    whole_flow, size = _flow(claim, centre, half), 5 + claim.added
-    flow = whole_flow.hamiltonian.exponential()
+def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb]) -> _WorstPeriod:
+    """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u, and θ the
+    same of v and the two numbers `late`."""
+    one, alpha = _flow(claim, centre, half), arb(claim.rate) * arb(claim.period)
+    inputs, shift = 1 + (claim.delay > 0.0), one.shift
+    size = 4 + inputs + claim.added
+    if claim.delay:
+        flow, shift = late_flow(one.hamiltonian, alpha, *late), with_input_before(shift)
+    else:
+        flow = one.hamiltonian.exponential()
     x, y = flow.rows(0, size).columns(0, size), flow.rows(0, size).columns(size, 2 * size)
     c, d = flow.rows(size, 2 * size).columns(0, size), flow.rows(size, 2 * size).columns(size, 2 * size)
-    end = whole_flow.shift @ y + d
+    end = shift @ y + d
     inverse = end.inverse()
-    w, q = y @ inverse, inverse @ (end @ whole_flow.shift - whole_flow.shift @ x - c)
-    acting, memory = _sampled(claim, centre, half, whole_flow.free.exponential().rows(0, 4))
-    growth = (arb(claim.rate) * arb(claim.period)).exp()
+    w, q = y @ inverse, inverse @ (end @ shift - shift @ x - c)
+    acting, memory = _sampled(claim, centre, half, one.free.exponential().rows(0, 4))
     # Rows of the flow's states that the worst moves, and where the loop has these.
     places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.added
     places[range(4), range(4)] = 1
-    places[range(5, size), range(4 + other, claim.states)] = 1
+    places[range(4 + inputs, size), range(4 + other, claim.states)] = 1
     moves = TaylorMatrix.of(places.tolist())
-    kept = np.eye(claim.states, dtype=int)[4 : 4 + other].T
-    after = moves.transpose() @ inverse.transpose() @ acting + TaylorMatrix.of(kept.tolist()) @ memory.times(
-        growth
-    )
+    kept = TaylorMatrix.of(np.eye(claim.states, dtype=int)[4 : 4 + other].T.tolist())
+    after = moves.transpose() @ inverse.transpose() @ acting + kept @ memory.times(alpha.exp())
     return _WorstPeriod(after, acting.transpose() @ q @ acting, moves.transpose() @ w @ moves)
 
 
@@ -483,7 +552,7 @@ def regular_at_first(claim: PairClaim) -> bool:
 def _sampled(
     claim: PairClaim, centre: arb, half: arb, flow: TaylorMatrix
 ) -> tuple[TaylorMatrix, TaylorMatrix]:
-    """(z, z′, s, s′), the acting input and what errors add, and the memory after a period, by the states of the
+    """(z, z′, s, s′), the acting inputs and what errors add, and the memory after a period, by the states of the
     loop."""
     h, n, observed = arb(claim.period), claim.states, claim.seen is not None
     unit = TaylorMatrix.of(np.eye(n).tolist())
@@ -507,9 +576,10 @@ def _sampled(
         estimate = predicted + back @ gain @ seen @ plain @ (state - predicted)
     exact = claim.seen is None or [1.0, 0.0, 0.0, 0.0] in claim.seen.tolist()
     position = (state if exact else estimate).rows(0, 1)
-    before, last = unit.rows(memory, memory + 1), unit.rows(memory + 1, memory + 2)
-    integral, ahead = before + (last + position).times(arb(0.5)), estimate
-    waiting = [unit.rows(k, k + 1) for k in range(memory + 2, n - claim.added)]
+    total, last = unit.rows(memory, memory + 1), unit.rows(memory + 1, memory + 2)
+    integral, ahead = total + (last + position).times(arb(0.5)), estimate
+    first = memory + 2 + (claim.delay > 0.0)
+    waiting = [unit.rows(k, k + 1) for k in range(first, n - claim.added)]
     for one in waiting:
         ahead = flow @ TaylorMatrix.stacked([[ahead], [one]])
 
@@ -520,6 +590,7 @@ def _sampled(
     force = -(gains.columns(0, 4) @ plain @ ahead + gains.columns(4, 5).times(h) @ integral)
     queue = [*waiting, force]
     after = [flow @ TaylorMatrix.stacked([[estimate], [queue[0]]])] if observed else []
-    after = [[part] for part in (*after, integral, position, *queue[1:])]
+    after = [[part] for part in (*after, integral, position, *queue[: first - memory - 2], *queue[1:])]
+    before = [[unit.rows(memory + 2, first)]] if claim.delay else []
     added = [[unit.rows(n - claim.added, n)]] if claim.added else []
-    return TaylorMatrix.stacked([[state], [queue[0]], *added]), TaylorMatrix.stacked(after)
+    return TaylorMatrix.stacked([[state], *before, [queue[0]], *added]), TaylorMatrix.stacked(after)

@@ -129,6 +129,8 @@ class TaylorMatrix:
 
     def along(self, constant: arb, slope: arb) -> TaylorMatrix:
         """Times constant + slope · v."""
+        if slope == 0:
+            return self.times(constant)
         terms = {powers: part * constant for powers, part in self.terms.items()}
         for (k, l), part in self.terms.items():
             more = part * slope

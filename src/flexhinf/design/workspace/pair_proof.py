@@ -11,7 +11,9 @@ from flexhinf.certify.checker.pairs import (
     ERRORS,
     SLOPE_WEIGHTS,
     SPRING_WEIGHTS,
-    interval_proved,
+    Box,
+    PairClaim,
+    box_proved,
     pair_claim,
     regular_at_first,
 )
@@ -19,11 +21,14 @@ from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
 from flexhinf.modal.popov import NONE, Errors, PairStorages
 from flexhinf.modal.sampled_pairs import SampledPairs
 
-#: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
-FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
+#: Lengths of an interval in log λ: the first, the largest, and the smallest of a room, without and with unknown delay.
+FIRST, LONGEST, SHORTEST = 0.1, 0.3, (3e-5, 1e-3)
 
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
 MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 2e-5, 12
+
+#: First intervals of an unknown delay, the shortest as a share of it; how often all are kept before fewer are tried.
+HALVES, FINEST, UNDIVIDED = 2, 1.0 / 64.0, 4
 
 #: Shares of a tolerance that are tried in turn, and with errors of springs; of the slowest decay, tried as a rate.
 SHARES, SPRUNG, RATES = (0.97, 0.9, 0.7), (0.9, 0.7), (0.005, 0.0)
@@ -38,28 +43,98 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
     """
     low, high = map(float, storages.pairs.gains.ends)
     place, length, room, successes = low, FIRST, MOST_ROOM, 0
-    intervals: list[Numbers] = []
+    boxes, intervals, shortest = _Boxes(storages), list[Numbers](), SHORTEST[storages.pairs.delay > 0.0]
     while place < high:
         end = min(high, place * float(np.exp(length)))
-        first, last = storages.at(place, room), storages.at(end, room)
-        if first is None or last is None:
+        found = boxes.proved((place, end), room)
+        if found is None:
             room *= 0.5
-        else:
-            one = _interval(place, end, first, last)
-            claim = pair_claim(claim_numbers(storages, [one]))
-            if not intervals and not regular_at_first(claim):
-                return None
-            if interval_proved(claim, 0):
-                intervals.append(one)
-                place, length, successes = end, min(LONGEST, 1.4 * length), successes + 1
-                if successes % SUCCESSES == 0:
-                    room = min(MOST_ROOM, 2.0 * room)
-                progress(float(np.log(place / low) / np.log(high / low)))
-            elif (length := 0.6 * length) < SHORTEST:
-                length, room = 10.0 * SHORTEST, 0.5 * room
+        elif found:
+            intervals.append(found)
+            place, length, successes = end, min(LONGEST, 1.4 * length), successes + 1
+            if successes % SUCCESSES == 0:
+                room = min(MOST_ROOM, 2.0 * room)
+            progress(float(np.log(place / low) / np.log(high / low)))
+        elif boxes.irregular:
+            return None
+        elif (length := 0.6 * length) < shortest:
+            length, room = 10.0 * shortest, 0.5 * room
         if room < SMALLEST_ROOM:
             return None
     return claim_numbers(storages, intervals)
+
+
+class _Boxes:
+    """Intervals of λ, each divided into intervals of the unknown delay θ as the last one was, or finer."""
+
+    def __init__(self, storages: PairStorages) -> None:
+        self._storages = storages
+        self._claim: PairClaim | None = None
+        self._delays = np.linspace(0.0, storages.pairs.delay, HALVES + 1).tolist()
+        self._whole = 0  # intervals one after another that were not divided further
+        self._kept: dict[tuple[float, float, float], np.ndarray | None] = {}
+        self.irregular = False  # whether Φ₂₂ is singular within a period
+
+    def proved(self, links: tuple[float, float], room: float) -> Numbers | None:
+        """What a file says of an interval; nothing where the checker does not accept it, None where no P is found."""
+        most = self._storages.pairs.delay
+        if not most:
+            return self._of_one(links, room)
+        waiting, done = [*self._thinned()], [0.0]
+        divided = False
+        while waiting:
+            first, last = done[-1], waiting[0]
+            ends = [self._at(links, late, room) for late in (first, last)]
+            if any(p is None for row in ends for p in row):
+                return None
+            if self._accepts(links, (first, last), np.array(ends)):
+                done.append(waiting.pop(0))
+            elif last - first <= FINEST * most or not self._accepts(
+                links, (first, first), np.array(ends[:1])
+            ):
+                return {}  # too long in λ
+            else:
+                waiting.insert(0, 0.5 * (first + last))
+                divided = True
+        self._delays, self._whole = done, 0 if divided else self._whole + 1
+        self._kept = {key: p for key, p in self._kept.items() if key[0] == links[1]}
+        rows = [self._at(links, late, room) for late in done]
+        one = _interval(*links, *(p for row in rows for p in row if p is not None))
+        parts = one["storages"]
+        return {**one, "delays": done, "storages": [parts[k : k + 2] for k in range(0, len(parts), 2)]}
+
+    def _of_one(self, links: tuple[float, float], room: float) -> Numbers | None:
+        first, last = self._at(links, 0.0, room)
+        if first is None or last is None:
+            return None
+        return (
+            _interval(*links, first, last)
+            if self._accepts(links, (0.0, 0.0), np.array([[first, last]]))
+            else {}
+        )
+
+    def _thinned(self) -> list[float]:
+        """The ends of the last intervals of θ but 0; now and then every second one."""
+        ends = self._delays[1:]
+        if self._whole < UNDIVIDED or len(ends) < 3:
+            return ends
+        self._whole = 0
+        return [*ends[1:-1:2], ends[-1]]
+
+    def _at(self, links: tuple[float, float], late: float, room: float) -> list[np.ndarray | None]:
+        for link in links:
+            if (link, late, room) not in self._kept:
+                self._kept[link, late, room] = self._storages.at(link, room, late)
+        return [self._kept[link, late, room] for link in links]
+
+    def _accepts(self, links: tuple[float, float], delays: tuple[float, float], ends: np.ndarray) -> bool:
+        if self._claim is None:
+            one = _interval(*links, *ends[0])
+            if most := self._storages.pairs.delay:
+                one |= {"delays": [0.0, most], "storages": [one["storages"]] * 2}
+            self._claim = pair_claim(claim_numbers(self._storages, [one]))
+            self.irregular = not regular_at_first(self._claim)
+        return not self.irregular and box_proved(self._claim, Box(links, delays, ends))
 
 
 def largest_certificate(
@@ -112,6 +187,7 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         "holding": float(pair.holding),
         "input": float(pair.input),
         "latency": pairs.latency,
+        "delay": float(pairs.delay),
         "poles": gains.poles.tolist(),
         "coefficients": gains.coefficients[:5].tolist(),
         "observer": observer,

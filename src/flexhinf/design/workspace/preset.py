@@ -20,6 +20,7 @@ from flexhinf.design.workspace.proof import (
     REPORTED,
     CertifiedErrors,
     WorkspaceProof,
+    check_unknown_delay,
     prove_workspace,
     sampled_pairs,
     with_others,
@@ -141,12 +142,7 @@ def check_provable(robot: Robot, s: Specification) -> None:
         f"expected elastic joints, got {', '.join(robot.rigid)} without a spring",
         "a stiffness for every joint, or no preset",
     )
-    refuse_if(
-        s.unknown_delay,
-        what,
-        f"expected no unknown delay, which no proof holds, got {1e3 * s.unknown_delay:g} ms",
-        "latency=2, which is known, or no preset",
-    )
+    check_unknown_delay(s)
     refuse_if(
         s.estimator != "none" and not has_equal_joints(robot.plant(s.measured), len(robot.joint_names)),
         what,

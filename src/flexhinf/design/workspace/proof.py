@@ -18,11 +18,13 @@ import numpy as np
 from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim, check_moves, moves_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, PairClaim, check_pairs, pair_claim
+from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.everywhere import Everywhere, everywhere, file_errors
 from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses
 from flexhinf.design.workspace.moves import ProvedMoves, proved_moves
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.errors import refuse_if
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
 from flexhinf.modal.law import modes
@@ -137,8 +139,21 @@ class WorkspaceProof(NamedTuple):
 
 
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
-    """The pairs of a setup, with its latency and its estimator."""
-    return SampledPairs(setup.gains, setup.specification.known_latency, modal_filter(setup))
+    """The pairs of a setup, with its latency, its estimator and its unknown delay, if that is at most a sample."""
+    s = setup.specification
+    delay = float(s.unknown_samples) if s.unknown_samples <= 1 else 0.0
+    return SampledPairs(setup.gains, s.known_latency, modal_filter(setup), delay)
+
+
+def check_unknown_delay(s: Specification) -> None:
+    """Refuse an unknown delay that no proof holds."""
+    more = s.known_latency + s.unknown_samples - 1
+    refuse_if(
+        s.unknown_samples > 1,
+        "No proof holds this unknown delay.",
+        f"expected at most one sample, {1e3 * s.period:g} ms, got {1e3 * s.unknown_delay:g} ms",
+        f"unknown_delay='{1e3 * s.period:g}ms' beside latency={more}, of which the estimator knows",
+    )
 
 
 @lru_cache(8)
@@ -175,6 +190,7 @@ def prove_workspace(
 
     `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
     """
+    check_unknown_delay(setup.specification)
     pairs, stated = sampled_pairs(setup), file_errors(setup)
     found = _proved(pairs, stated, progress)
     if stated.errors.slope != EXACT and not found.is_stated:
@@ -215,6 +231,7 @@ def with_others(
     """The proof with what stands beside the errors that were found; parameters as of `prove_workspace`."""
     progress("smallest error that destabilises")
     pairs, several, springs = sampled_pairs(setup), len(setup.joints) > 1, found.stated.errors.springs
+    pairs = pairs.late_by(pairs.delay)
     unstable = smallest_unstable(pairs, mixed=several)
     proof = WorkspaceProof(
         setup, found.stated, found.tolerance, found.numbers, found.checked, unstable, proved_stability(setup)
@@ -229,7 +246,7 @@ def with_others(
     return proof._replace(
         largest=largest_masses(setup, masses, loaded or setup.true.robot),
         everywhere=poses,
-        moves=proved_moves(setup, pairs, proof.numbers, poses and poses.arm) if several else None,
+        moves=proved_moves(setup, pairs, proof.numbers, poses and poses.arm) if several and not pairs.delay else None,
     )
 
 
@@ -269,7 +286,7 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     found = check_pairs(claim)
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
-    beyond, arm, body, moves = _beyond(numbers.get("proved"), found), None, None, None
+    beyond, arm, body, moves = _beyond(numbers.get("proved"), found) or _later(numbers.get("unknown_delay", 0.0), found), None, None, None
     if is_dict(own := numbers.get("arm")):
         body = arm_claim(own)
         checked = check_arm(body)
@@ -302,6 +319,12 @@ def _arm_beyond(arm: CheckedArm, found: CheckedPairs) -> str:
     if max(found.falling, found.holding_up) and (arm.slope or 0.0) > min(found.falling, found.holding_up):
         return "of its arm that gravity has a larger slope"
     return ""
+
+
+def _later(stated: object, found: CheckedPairs) -> str:
+    """What a file says of its design's unknown delay beyond what the check finds."""
+    within = not isinstance(stated, bool) and isinstance(stated, (int, float)) and stated <= found.delay
+    return "" if within else f"that its loop has an unknown delay of {str(stated)[:40]} samples"
 
 
 def _beyond(stated: object, found: CheckedPairs) -> str:
