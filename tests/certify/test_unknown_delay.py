@@ -223,12 +223,12 @@ def test_a_file_that_says_less_delay_than_its_design_has_is_refused(
     numbers = {**found[1], "intervals": found[1]["intervals"][:1]}
     verdict = pair_verdict({"pairs": numbers, "unknown_delay": DELAY})
     assert verdict.is_proved
-    assert "with an unknown constant delay of up to 0.8 ms" in pair_text(verdict)
+    assert "0.8 ms" in pair_text(verdict)
     assert verdict.checked is not None
     for unknown in (1, 0.9, True, "0.5", None):
         other = pair_verdict({"pairs": numbers, "unknown_delay": unknown})
         assert not other.is_proved
-        assert "unknown delay" in pair_text(other)
+        assert "samples" in other.beyond
     proved = {**verdict.checked._asdict(), "delay": 1.0}
     assert not pair_verdict({"pairs": numbers, "unknown_delay": 0.5, "proved": proved}).is_proved
     assert delay_text(verdict.checked._replace(delay=0.0), PERIOD) == ""
@@ -237,5 +237,5 @@ def test_a_file_that_says_less_delay_than_its_design_has_is_refused(
 def test_more_than_a_sample_of_unknown_delay_is_refused_by_name() -> None:
     robot = load_robot("planar-two-link")
     check_provable(robot, Specification(unknown_delay=1e-3))
-    with refused_with(InvalidInput, "unknown delay", "at most one sample, 1 ms, got 3 ms", "latency=3"):
+    with refused_with(InvalidInput, "unknown delay", "1 ms", "latency=3"):
         check_provable(robot, Specification(unknown_delay=3e-3))

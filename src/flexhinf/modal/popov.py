@@ -51,7 +51,7 @@ NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
 DOUBLINGS, MORE, WEIGHT = 45, 0.05, 1e-3
 
 #: Share of the largest eigenvalue of Y that counts as reached.
-REACHED = 1e-8
+REACHED = 1e-7
 
 #: The rooms at which a lift is looked for, and the share of an entry of P by which it clears 0.
 LIFTED, CLEAR = (0.01, 1e-3, 1e-5), 0.05

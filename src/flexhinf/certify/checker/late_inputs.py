@@ -40,9 +40,9 @@ def _beside(flow: TaylorMatrix, other: int, size: int) -> TaylorMatrix:
     """A flow that does not see one of the inputs, which stays."""
     acts = [k for k in range(size) if k != other]
     into = _into([*acts, *(size + k for k in acts)], 2 * size)
-    rest = np.zeros((2 * size, 2 * size), dtype=int)
-    rest[other, other] = rest[size + other, size + other] = 1
-    return into @ flow @ into.transpose() + TaylorMatrix.of(rest.tolist())
+    kept = np.zeros((2 * size, 2 * size), dtype=int)
+    kept[other, other] = kept[size + other, size + other] = 1
+    return into @ flow @ into.transpose() + TaylorMatrix.of(kept.tolist())
 
 
 def _into(places: list[int], size: int) -> TaylorMatrix:

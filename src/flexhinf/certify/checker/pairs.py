@@ -118,7 +118,7 @@ class CheckedPairs(NamedTuple):
     stiffer: float  # ε₂: and up to (1 + ε₂) K
     falling: float  # γ₁: slopes of gravity down to −γ₁ K
     holding_up: float  # γ₂: and up to γ₂ K
-    rate: float  # α, 1/s: small motions about rest decay at least like exp(−αt)
+    rate: float  # α, 1/s: small motions about norms decay at least like exp(−αt)
     delay: float  # θ₁, samples: with every constant delay of the inputs up to it, beside the latency
     intervals: int
 
@@ -335,20 +335,20 @@ def _positive(matrix: TaylorMatrix) -> bool:
     What is linear in u and in v is so if it is at their ends. A part M uᵏvˡ is not below −D for D ≥ 0 with M + D ≥ 0,
     and D − M ≥ 0 too where k or l is odd.
     """
-    value, rest = matrix.constant, frobenius(matrix.remainder.entries())
+    value, norms = matrix.constant, frobenius(matrix.remainder.entries())
     loss, linear = value * 0, dict[tuple[int, int], arb_mat]()
     for (k, l), part in matrix.terms.items():
         if max(k, l) < 2:
             linear[k, l] = part
         elif k + l > BENT:
-            rest += frobenius(part.entries())
+            norms += frobenius(part.entries())
         else:
             odd = bool(k % 2 or l % 2)
             own = _below(part, odd)
             if not positive_definite(own + part) or (odd and not positive_definite(own - part)):
                 return False
             loss += own
-    loss += arb_mat(np.eye(value.nrows()).tolist()) * rest
+    loss += arb_mat(np.eye(value.nrows()).tolist()) * norms
     ends = [1, -1] if any(l for _, l in linear) else [1]
     return all(
         positive_definite(sum((part * (u**k * v**l) for (k, l), part in linear.items()), -loss))
@@ -383,7 +383,7 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
     return TaylorMatrix.stacked([[first, moved.transpose()], [moved, last]])
 
 
-def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb]) -> _WorstPeriod:
+def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb(0), arb(0))) -> _WorstPeriod:
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u, and θ the
     same of v and the two numbers `late`."""
     one, alpha = _flow(claim, centre, half), arb(claim.rate) * arb(claim.period)

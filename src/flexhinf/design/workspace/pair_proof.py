@@ -79,7 +79,7 @@ class _Boxes:
         """What a file says of an interval; nothing where the checker does not accept it, None where no P is found."""
         most = self._storages.pairs.delay
         if not most:
-            return self._of_one(links, room)
+            return self._without_delay(links, room)
         waiting, done = [*self._thinned()], [0.0]
         divided = False
         while waiting:
@@ -103,7 +103,7 @@ class _Boxes:
         parts = one["storages"]
         return {**one, "delays": done, "storages": [parts[k : k + 2] for k in range(0, len(parts), 2)]}
 
-    def _of_one(self, links: tuple[float, float], room: float) -> Numbers | None:
+    def _without_delay(self, links: tuple[float, float], room: float) -> Numbers | None:
         first, last = self._at(links, 0.0, room)
         if first is None or last is None:
             return None
