@@ -102,7 +102,7 @@ def test_proved_errors_never_destabilise_with_any_delay_and_larger_ones_do(
     for _ in range(60):
         late, links = (
             DELAY * float(rng.choice([0.0, rng.random(), 1.0])),
-            np.exp(rng.uniform(*np.log(ENDS), 2)),
+            np.exp(rng.uniform(np.log(ENDS[0]), np.log(ENDS[1]), 2)),
         )
         turn = np.linalg.qr(rng.normal(size=(2, 2)))[0]
         error = turn @ np.diag(checked.lower * rng.choice([-1.0, 1.0], 2)) @ turn.T
