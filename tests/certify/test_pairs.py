@@ -132,7 +132,7 @@ def test_search_and_checker_compute_the_same_game(pairs, latency, watched, sprin
     claim = pair_claim(claim_numbers(storages, parts))
     with checker._balls():
         checked = checker._loop(claim, arb(link), arb(0))
-        values = [np.array([[float(e) for e in row] for row in part.parts[0].tolist()]) for part in checked]
+        values = [np.array([[float(e) for e in row] for row in part.constant.tolist()]) for part in checked]
     for value, expected in zip(values, worst_period(loop, link, errors, multipliers, 0.4)):
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
