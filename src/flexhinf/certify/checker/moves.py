@@ -44,6 +44,9 @@ from flexhinf.errors import refuse_if
 #: Lengths of an interval in log λ: the first, the largest and the smallest.
 FIRST, LONGEST, SHORTEST = 0.1, 0.5, 1e-4
 
+#: Degree of polynomials of u.
+DEGREE = TERMS[0] - 1
+
 #: Eigenvalues below this share of the largest are left to a Schur complement.
 LARGE = 0.1
 
@@ -51,12 +54,12 @@ LARGE = 0.1
 SHARES = [
     [
         (
-            sum((-1) ** (k - i) * comb(k, i) * comb(TERMS - 1 - k, row - i) for i in range(row + 1)),
-            comb(TERMS - 1, row),
+            sum((-1) ** (k - i) * comb(k, i) * comb(DEGREE - k, row - i) for i in range(row + 1)),
+            comb(DEGREE, row),
         )
-        for k in range(TERMS)
+        for k in range(DEGREE + 1)
     ]
-    for row in range(TERMS)
+    for row in range(DEGREE + 1)
 ]
 
 #: Most functions of a storage, and statements about speeds, in a file.
@@ -173,7 +176,7 @@ def _falls(claim: MovesClaim, low: float, high: float, first: bool) -> bool:
     centre, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
     try:
         before, after = _storages(claim, centre, half)
-        middle = np.array([[float(entry.mid()) for entry in row] for row in before.parts[0].tolist()])
+        middle = np.array([[float(entry.mid()) for entry in row] for row in before.constant.tolist()])
         inverse = np.linalg.inv(np.linalg.cholesky(middle).T)
         turn = TaylorMatrix.of(inverse.tolist())
         moved = _loop(claim.loop, centre, half) @ turn
@@ -198,7 +201,8 @@ def _storages(claim: MovesClaim, centre: arb, half: arb) -> tuple[TaylorMatrix, 
         rates = [c * share * (1 - share) for share in shares]
         return [share + sign * rate for sign in (-1, 1) for share, rate in zip(shares, rates)]
 
-    rows, constant = [part.entries() for part in taylor_row(factors, centre, half).parts], claim.constant
+    values, constant = taylor_row(factors, centre, half), claim.constant
+    rows = [values.coefficient((k, 0)).entries() for k in range(DEGREE + 1)] + [values.remainder.entries()]
     count, found = len(poles), []
     for less in (0, count):
         more = count - less
@@ -209,14 +213,14 @@ def _storages(claim: MovesClaim, centre: arb, half: arb) -> tuple[TaylorMatrix, 
             )
             for k, row in enumerate(rows)
         ]
-        found.append(TaylorMatrix(parts))
+        found.append(TaylorMatrix({(k, 0): part for k, part in enumerate(parts[:-1])}, parts[-1]))
     return found[0], found[1]
 
 
 def _positive(matrix: TaylorMatrix) -> bool:
     """Whether a symmetric matrix is positive definite for all u: where its eigenvalues are of one size by coefficients
     of Bernstein, else the large ones so and the others by their Schur complement, which is as smooth."""
-    middle = np.array([[float(entry.mid()) for entry in row] for row in matrix.parts[0].tolist()])
+    middle = np.array([[float(entry.mid()) for entry in row] for row in matrix.constant.tolist()])
     values, vectors = np.linalg.eigh(0.5 * (middle + middle.T))
     if values[0] <= 0.0:
         return False
@@ -236,8 +240,8 @@ def _positive(matrix: TaylorMatrix) -> bool:
 def _bernstein(matrix: TaylorMatrix) -> Iterator[arb_mat]:
     """Matrices in whose convex hull the values of all u are: coefficients by Bernstein's polynomials."""
     for row in SHARES:
-        parts = (matrix.part(k, TERMS) * (arb(number) / whole) for k, (number, whole) in enumerate(row))
-        yield sum(parts, matrix.parts[-1])
+        parts = (matrix.coefficient((k, 0)) * (arb(number) / whole) for k, (number, whole) in enumerate(row))
+        yield sum(parts, matrix.remainder)
 
 
 def _loop(claim: PairClaim, centre: arb, half: arb) -> TaylorMatrix:
@@ -279,7 +283,7 @@ def _flow(claim: PairClaim, centre: arb, half: arb) -> TaylorMatrix:
     felt = np.zeros((5, 5), dtype=int)
     felt[[1, 3], 2] = 1, -1
     first, second = (arb_mat([[zero + x for x in row] for row in rows]) for rows in (still, felt.tolist()))
-    model = TaylorMatrix([first + second * (h**2 * centre), second * (h**2 * half), first * 0])
+    model = TaylorMatrix({(0, 0): first + second * (h**2 * centre), (1, 0): second * (h**2 * half)})
     return model.exponential().rows(0, 4)
 
 

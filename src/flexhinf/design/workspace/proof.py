@@ -246,7 +246,9 @@ def with_others(
     return proof._replace(
         largest=largest_masses(setup, masses, loaded or setup.true.robot),
         everywhere=poses,
-        moves=proved_moves(setup, pairs, proof.numbers, poses and poses.arm) if several and not pairs.delay else None,
+        moves=proved_moves(setup, pairs, proof.numbers, poses and poses.arm)
+        if several and not pairs.delay
+        else None,
     )
 
 
@@ -286,7 +288,8 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     found = check_pairs(claim)
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
-    beyond, arm, body, moves = _beyond(numbers.get("proved"), found) or _later(numbers.get("unknown_delay", 0.0), found), None, None, None
+    beyond = _beyond(numbers.get("proved"), found) or _later(numbers.get("unknown_delay", 0.0), found)
+    arm, body, moves = None, None, None
     if is_dict(own := numbers.get("arm")):
         body = arm_claim(own)
         checked = check_arm(body)
