@@ -107,33 +107,44 @@ def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung,
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    ("springs", "slope", "filters"),
+    ("springs", "slope", "damping", "any_motion", "filters"),
     [
-        (EXACT, EXACT, ()),
-        (Sector(0.2, 0.3), EXACT, ()),
-        (EXACT, Sector(0.05, 0.1), (FilterWeights(0.3, -4.0, 0.6),)),
-        (Sector(0.2, 0.3), Sector(0.1, 0.05), (FilterWeights(0.3, -4.0, 0.6), FilterWeights(0.05, 2.0))),
+        (EXACT, EXACT, 0.0, False, ()),
+        (Sector(0.2, 0.3), EXACT, 0.0, False, ()),
+        (EXACT, Sector(0.05, 0.1), 0.002, False, (FilterWeights(0.3, -4.0, 0.6),)),
+        (
+            Sector(0.2, 0.3),
+            Sector(0.1, 0.05),
+            0.0,
+            False,
+            (FilterWeights(0.3, -4.0, 0.6), FilterWeights(0.05, 2.0)),
+        ),
+        (Sector(0.2, 0.3), Sector(0.1, 0.05), 0.002, True, (FilterWeights(0.3, -4.0, 0.6),)),
     ],
 )
 @pytest.mark.parametrize(("latency", "watched"), [(0, None), (2, None), (1, [0, 2]), (1, [2])])
-def test_search_and_checker_compute_the_same_game(pairs, latency, watched, springs, slope, filters):
+def test_search_and_checker_compute_the_same_game(
+    pairs, latency, watched, springs, slope, damping, any_motion, filters
+):
     """They share no code: A, Q and W of a pair agree, for a filter with links, and with motors alone."""
     seen = None if watched is None else np.eye(4)[watched]
     table = None if seen is None else np.random.default_rng(1).normal(size=(5, 4 * len(seen)))
     ends = (np.log(ENDS[0]) - 1.0, np.log(ENDS[1]) + 1.0)
     filter: Any = None if seen is None else SimpleNamespace(pair=(seen, table, ends))
     loop, link = SampledPairs(pairs.gains, latency, filter), 150.0**2
-    errors = Errors(Sector(0.3, 0.5), springs, slope)
+    errors = Errors(Sector(0.3, 0.5), springs, slope, damping, any_motion)
     weights = ChannelWeights(0.3, 0.1, 0.5, 0.7), ChannelWeights(0.2, 0.3, 0.4, 0.1)
+    weights = *weights, ChannelWeights(0.0, 0.4, 0.6 if damping else 0.0, 0.2)
     multipliers = Multipliers(20.0, *weights, filters)
-    storages = PairStorages(loop, errors, multipliers, 0.4)
+    rate = 0.0 if any_motion else 0.4
+    storages = PairStorages(loop, errors, multipliers, rate)
     n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + sum(errors.channels)
     parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
     claim = pair_claim(claim_numbers(storages, parts))
     with checker._balls():
         checked = checker._loop(claim, arb(link), arb(0))
         values = [np.array([[float(e) for e in row] for row in part.constant.tolist()]) for part in checked]
-    for value, expected in zip(values, worst_period(loop, link, errors, multipliers, 0.4)):
+    for value, expected in zip(values, worst_period(loop, link, errors, multipliers, rate)):
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 

@@ -34,8 +34,10 @@ ACCURACY, FIRST = 0.01, 1e-4
 #: First step of log₁₀ of one multiplier, and of several; the last one, and what a larger share than before is.
 FIRST_STEP, LAST_STEP, MORE = (0.1, 0.5), 0.03, 1.02
 
-#: Weights from which a search begins: ρ and μ₁ of a slope, μ₂ γ of it, and those of springs; the smallest; log₁₀.
+#: Weights from which a search begins: ρ and μ₁ of a slope, μ₂ γ of it, those of damping and of springs; the smallest;
+#: log₁₀.
 SLOPE_STARTS, SLOPE_RATE = ((-2.5, -3.3), (-2.0, -2.5), (-2.0, -3.0)), (-1.0, 0.0)
+DAMPING_STARTS = (-2.0, 0.0), (-1.0, 0.5)
 SPRING_STARTS, SMALLEST = ((-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0)), (-4.0, -4.0, -3.0)
 
 #: Shares of what masses alone would have from which τ begins beside other errors.
@@ -68,21 +70,34 @@ def popov_tolerance(
 
     No Δ and no E reach −1, where links are infinitely heavy or springs have no stiffness.
     """
-    search = _Largest(pairs, shape, count, fixed)
-    best, place = 0.0, None
-    for one in _starts(pairs, shape, fixed):
-        if (share := search.share(one.multipliers, best)) > best:
-            best, place = share, one
+    search, starts = _Largest(pairs, shape, count, fixed), list(_starts(pairs, shape, fixed))
+    best, place = _best(search, starts)
+    if place is None and any(fixed.channels):
+        # From what covers the most of the fixed errors by themselves.
+        beside = _Largest(pairs, fixed, count, NONE)
+        most, place = _best(beside, starts)
+        if place is not None:
+            most, place = _climbed(beside, most, place, enough=1.0)
+            best, place = _best(search, [place])
     if place is None:
         return PopovTolerance(search.errors(0.0), Multipliers(0.0), 0.0)
     best, place = _climbed(search, best, place)
     return PopovTolerance(search.errors(best), place.multipliers, best)
 
 
-def _climbed(search: _Largest, best: float, place: _Place) -> tuple[float, _Place]:
-    """The largest share by steps along the axes, from a place with a share."""
+def _best(search: _Largest, starts: Sequence[_Place]) -> tuple[float, _Place | None]:
+    """The place with the largest share, and that share; None where all are 0."""
+    best, place = 0.0, None
+    for one in starts:
+        if (share := search.share(one.multipliers, best)) > best:
+            best, place = share, one
+    return best, place
+
+
+def _climbed(search: _Largest, best: float, place: _Place, enough: float = np.inf) -> tuple[float, _Place]:
+    """The largest share by steps along the axes, from a place with a share; one that is enough ends it."""
     step = FIRST_STEP[len(place.powers) > 1]
-    while step > LAST_STEP:
+    while step > LAST_STEP and best <= enough:
         before = best
         for other in place.neighbours(step):
             if (share := search.share(other.multipliers, best)) > best:
@@ -93,15 +108,17 @@ def _climbed(search: _Largest, best: float, place: _Place) -> tuple[float, _Plac
 
 @dataclass(frozen=True)
 class _Place:
-    """Logarithms of multipliers and their signs: τ of slow vibrations, ρ, μ₁ and μ₂ of springs and of a slope, then the
-    pole of each filter, with what is added to τ beyond it."""
+    """Logarithms of multipliers and their signs: τ of slow vibrations; weights of springs, of a slope and of damping;
+    then the pole of each filter, with what is added to τ beyond it."""
 
-    channels: tuple[bool, bool]  # whether springs and a slope have weights
+    channels: tuple[bool, bool, bool]  # whether springs, a slope and damping have weights
     signs: tuple[float, ...]
     powers: tuple[float, ...]
 
     @classmethod
-    def of(cls, masses: Sequence[float], channels: tuple[bool, bool], weights: Sequence[float]) -> _Place:
+    def of(
+        cls, masses: Sequence[float], channels: tuple[bool, bool, bool], weights: Sequence[float]
+    ) -> _Place:
         """Of τ, poles and steps, and of logarithms of the weights of each channel."""
         slow, *filters = masses
         powers = [np.log10(abs(slow)), *weights, *np.log10(np.abs(filters))]
@@ -112,24 +129,28 @@ class _Place:
     def multipliers(self) -> Multipliers:
         """These, as numbers."""
         slow, *others = (sign * 10.0**power for sign, power in zip(self.signs, self.powers))
-        weights = [
-            ChannelWeights(others.pop(0), others.pop(0), others.pop(0)) if own else ChannelWeights()
-            for own in self.channels
-        ]
+        springs, slope, damping = (
+            ChannelWeights(*[0.0] * (3 - count), *(others.pop(0) for _ in range(count)))
+            for count in self._counts
+        )
         # τ + (step) ω²/(ω² + p²)
         filters = [
             FilterWeights(pole, -0.5 * step * pole**2) for pole, step in zip(others[::2], others[1::2])
         ]
-        springs, slope = weights
-        return Multipliers(slow + sum(others[1::2]), springs, slope, tuple(filters))
+        return Multipliers(slow + sum(others[1::2]), springs, slope, damping, tuple(filters))
+
+    @property
+    def _counts(self) -> tuple[int, ...]:
+        """How many weights each channel has."""
+        return tuple(count * there for count, there in zip((3, 3, 2), self.channels))
 
     def neighbours(self, step: float) -> Iterator[_Place]:
         """A step along each axis, either way; of several weights, then all of them together."""
-        size, weights = len(self.powers), 3 * sum(self.channels)
+        size, weights = len(self.powers), sum(self._counts)
         steps, least = np.eye(size), np.full(size, -np.inf)
         if weights:
             steps = np.vstack([steps, [0.0] + [1.0] * weights + [0.0] * (size - 1 - weights)])
-            least[1 : 1 + weights] = SMALLEST * sum(self.channels)
+            least[1 : 1 + weights] = [one for count in self._counts for one in SMALLEST[3 - count :]]
             least[0] = -1.0
         for way in (*steps, *-steps):
             other = np.array(self.powers) + step * way
@@ -147,22 +168,23 @@ def _starts(pairs: SampledPairs, shape: Errors, fixed: Errors) -> Iterator[_Plac
         for one in chosen:
             yield _Place.of(one, channels, ())
         return
-    for (slow, *filters), share in product(chosen, BESIDE):
+    for (slow, *filters), share in product(chosen[1 :: len(PARTS)], BESIDE):
         own = [abs(slow) * share, *(own * (share if k % 2 else 1.0) for k, own in enumerate(filters))]
         for weights in _channel_starts(errors):
             yield _Place.of(own, channels, weights)
 
 
 def _channel_starts(errors: Errors) -> Iterator[tuple[float, ...]]:
-    """ρ, μ₁ and μ₂ of springs and of a slope from which a search begins, log₁₀."""
-    springs, slope = errors.channels
+    """Weights of springs, of a slope and of damping from which a search begins, log₁₀."""
+    springs, slope, damping = errors.channels
     of_springs = list(product(*SPRING_STARTS)) if springs else [()]
     of_slope: list[tuple[float, ...]] = [()]
     if slope:
         size = float(np.log10(max(errors.slope)))
         of_slope = [(*own, rate - size) for own in SLOPE_STARTS for rate in SLOPE_RATE]
-    for first, second in product(of_springs, of_slope):
-        yield *first, *second
+    of_damping: list[tuple[float, ...]] = [*product(*DAMPING_STARTS)] if damping else [()]
+    for parts in product(of_springs, of_slope, of_damping):
+        yield tuple(one for part in parts for one in part)
 
 
 def _of_masses(pairs: SampledPairs, shape: Sector) -> Iterator[list[float]]:
@@ -256,6 +278,9 @@ class _Largest:
 
     def tolerates(self, share: float, multipliers: Multipliers) -> bool:
         """Whether errors of this share are covered at all λ."""
+        damping = self.errors(share).damping / self.loops[0][0].gains.period
+        if multipliers.damping.rate * damping > 2.0 * multipliers.masses:
+            return False
         for k, (loop, link) in enumerate(self.loops):
             if gain_peak(worst_period(loop, link, self.errors(share), multipliers)) >= 1.0:
                 self.loops.insert(0, self.loops.pop(k))  # the next question is likely to fail here too

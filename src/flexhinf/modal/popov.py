@@ -69,17 +69,23 @@ EXACT = Sector(0.0, 0.0)
 
 
 class Errors(NamedTuple):
-    """What is tolerated at once, as shares: errors of the inverse inertia matrix and of the stiffness, and the slope of
-    gravity, which the pairs leave out, over the stiffness."""
+    """What is tolerated at once, as shares: errors of the inverse inertia matrix and of the stiffness; and what pairs
+    leave out, gravity's slope and the damping of springs, over the stiffness."""
 
     masses: Sector
     springs: Sector = EXACT  # −ε₁ ≤ E ≤ ε₂: (1 − ε₁) K ≤ K̂ ≤ (1 + ε₂) K
     slope: Sector = EXACT  # −γ₁ ≤ Γ ≤ γ₂: −γ₁ K ≤ ∂G/∂q ≤ γ₂ K
+    damping: float = 0.0  # β, s: 0 ≤ D ≤ β K
+    any_motion: bool = (
+        False  # of one joint: gravity is any function with such slopes, and motions may be large
+    )
 
     def and_share(self, share: float, others: Errors) -> Errors:
         """These, and a share of others beside them."""
         sums = [own + share * other for own, other in zip(self.numbers, others.numbers)]
-        return Errors(Sector(*sums[:2]), Sector(*sums[2:4]), Sector(*sums[4:]))
+        damping = self.damping + share * others.damping
+        sectors = Sector(*sums[:2]), Sector(*sums[2:4]), Sector(*sums[4:])
+        return Errors(*sectors, damping, self.any_motion or others.any_motion)
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -92,9 +98,9 @@ class Errors(NamedTuple):
         return max(self.numbers)
 
     @property
-    def channels(self) -> tuple[bool, bool]:
-        """Whether springs have errors, and whether gravity has a slope: each adds a state to a pair."""
-        return max(self.springs) > 0.0, max(self.slope) > 0.0
+    def channels(self) -> tuple[bool, bool, bool]:
+        """Whether springs have errors, gravity a slope, and springs damping: each adds a state to a pair."""
+        return max(self.springs) > 0.0, max(self.slope) > 0.0, self.damping > 0.0
 
     @property
     def names(self) -> str:
@@ -105,7 +111,8 @@ class Errors(NamedTuple):
 
     def within(self, others: Errors) -> bool:
         """Whether all are at most as large as others."""
-        return all(own <= other for own, other in zip(self.numbers, others.numbers))
+        within = all(own <= other for own, other in zip(self.numbers, others.numbers))
+        return within and self.damping <= others.damping
 
 
 #: No errors; errors of masses of either sign, of the same size.
@@ -135,6 +142,7 @@ class Multipliers(NamedTuple):
     masses: float  # τ
     springs: ChannelWeights = ChannelWeights()
     slope: ChannelWeights = ChannelWeights()
+    damping: ChannelWeights = ChannelWeights()
     filters: tuple[FilterWeights, ...] = ()
 
     @property
@@ -157,7 +165,7 @@ def worst_period(
     """A, Q and W of a pair with the rate α in 1/s; its last states are those of `_WorstErrors`: filters, e and p."""
     h = pairs.gains.period
     rates = link * h**2, pairs.gains.pair(link).motor * h**2, rate * h
-    worst = _WorstErrors(pairs.model(link), rates, errors, multipliers)
+    worst = _WorstErrors(pairs.model(link), rates, errors._replace(damping=errors.damping / h), multipliers)
     extra, shift = len(worst.flow) - 5, worst.shift
     hamiltonian = np.block([[worst.flow, worst.entry], [-worst.gained, -worst.flow.T]])
     if pairs.delay:
@@ -201,7 +209,7 @@ def _late(hamiltonian: np.ndarray, late: float, alpha: float) -> np.ndarray:
 
 
 class _WorstErrors:
-    """The flow of a pair within a period, of (z, z′, s, s′, f), of a_f and d_f of each filter, and of e and p where
+    """The flow of a pair within a period, of (z, z′, s, s′, f), of a_f and d_f of each filter, and of e, p and b where
     there are any; what the worst errors add to it, and what they gain, in periods."""
 
     def __init__(
@@ -215,18 +223,24 @@ class _WorstErrors:
         (size, kappa, alpha), tau, count = rates, multipliers.masses, 5 + 2 * len(multipliers.filters)
         names = count + sum(errors.channels)
         unit, none = np.eye(names), np.zeros(names)
-        self._rates = rates
         z, push, s, turn = unit[:4]
-        error = unit[count] if errors.channels[0] else none
-        fall = unit[-1] if errors.channels[1] else none
+        left = iter(unit[count:])
+        error, fall, damper = (next(left) if there else none for there in errors.channels)
         own = np.pad(model, (0, names - 5))
-        twist, stretched = s + error - fall, s + error
+        stretched = s + error + damper
+        twist = stretched if errors.any_motion else stretched - fall
         r, o = turn + alpha * s, push + alpha * z
         y, y_z = own[3] + (size + kappa) * s + alpha * (turn + r), alpha * (push + o)
+        slope = errors.slope
+        if errors.any_motion:  # p is of all that moves the link, (1 + Δ) p, and drives s alone
+            y, y_z = y + size * fall, none
+            slope = Sector(*(part * (1.0 + errors.masses.upper) for part in slope))
         a, push_turn = np.sqrt(size) * twist, push - turn
         pushed = np.sqrt(size) * push_turn
         self.flow = own + alpha * np.diag([1.0] * 5 + [0.0] * (names - 5))
-        self.flow += np.outer(push_turn, size * (error - fall)) - np.outer(turn, kappa * error)
+        self.flow += np.outer(push_turn, size * (error + damper - fall)) - np.outer(
+            turn, kappa * (error + damper)
+        )
         self.gained = tau * _twice(r, y)
         self.shift = tau * (np.outer(r, r) + np.outer(a, a) + kappa * np.outer(stretched, stretched))
         mean = 0.5 * (errors.masses.upper - errors.masses.lower) * a
@@ -243,7 +257,9 @@ class _WorstErrors:
         if errors.channels[0]:
             self._add(error, s, r, tau * y, errors.springs, multipliers.springs)
         if errors.channels[1]:
-            self._add(fall, z, o, tau * y_z, errors.slope, multipliers.slope)
+            self._add(fall, z, o, tau * y_z, slope, multipliers.slope)
+        if errors.channels[2]:
+            self._damp(damper, turn, tau * (y - alpha * r), errors.damping, multipliers.damping)
 
     def _add(
         self,
@@ -265,6 +281,17 @@ class _WorstErrors:
         )
         self.gained += weights.multiplier * _twice(rate, error)
         self.shift += weights.lift * np.outer(error, error)
+
+    def _damp(
+        self, damper: np.ndarray, turn: np.ndarray, drive: np.ndarray, size: float, weights: ChannelWeights
+    ) -> None:
+        """b = B s′ of a damped spring, 0 ≤ B ≤ β, a state; what stands at its rate beside that of s′."""
+        n = drive / weights.rate
+        self.flow += np.outer(damper, n)
+        self.entry += np.outer(damper, damper) / weights.rate
+        self.gained += weights.rate * np.outer(n, n)
+        self.gained += weights.signal * (0.5 * size * _twice(turn, damper) - np.outer(damper, damper))
+        self.shift += weights.lift * np.outer(damper, damper)
 
 
 def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -378,7 +405,7 @@ class PairStorages:
 
     def lifted(self, count: int = 12) -> PairStorages:
         """The same with numbers c that make P positive at `count` λ where some do."""
-        filters, springs, slope = self.multipliers.filters, self.multipliers.springs, self.multipliers.slope
+        filters, m = self.multipliers.filters, self.multipliers
         if not filters and not self._waiting:
             return self
         found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -396,18 +423,17 @@ class PairStorages:
         beside = np.abs(scaled).sum(axis=2) - np.abs(np.diagonal(scaled, axis1=1, axis2=2))
         low = np.diagonal(parts, axis1=1, axis2=2) - CLEAR * np.abs(own) - beside * size**2
         lifts = (2.0 * np.maximum(0.0, -low.min(axis=0))).tolist()
-        return replace(
-            self,
-            multipliers=self.multipliers._replace(
-                filters=tuple(one._replace(lift=lift) for one, lift in zip(filters, lifts)),
-                springs=springs._replace(lift=lifts[len(filters)]) if self.errors.channels[0] else springs,
-                slope=slope._replace(lift=lifts[-1]) if self.errors.channels[1] else slope,
-            ),
+        others = iter(lifts[len(filters) :])
+        springs, slope, damping = (
+            weights._replace(lift=next(others)) if there else weights
+            for weights, there in zip((m.springs, m.slope, m.damping), self.errors.channels)
         )
+        raised = tuple(one._replace(lift=lift) for one, lift in zip(filters, lifts))
+        return replace(self, multipliers=Multipliers(m.masses, springs, slope, damping, raised))
 
     @property
     def _waiting(self) -> int:
-        """How many of the last states, e and p, neither decay nor grow by themselves."""
+        """How many of the last states, e, p and b, neither decay nor grow by themselves."""
         return sum(self.errors.channels)
 
     def _by_themselves(self, p: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -436,8 +462,8 @@ class PairStorages:
         reached, weight = np.diag(_reached(loop, w[:own, :own])), np.zeros(len(a))
         weight[:own] = WEIGHT / np.maximum(reached, 1e-12 * reached.max())
         more, gained = 1.0 + MORE * room, q
-        if self._waiting:  # Q is negative for e and p, and pays for what lets them grow
-            weights = self.multipliers.springs, self.multipliers.slope
+        if self._waiting:  # Q is negative for e, p and b, and pays for what lets them grow
+            weights = self.multipliers.springs, self.multipliers.slope, self.multipliers.damping
             pays = [part.signal for part, there in zip(weights, self.errors.channels) if there]
             weight[own:] = 2.0 * MORE * np.array(pays)
             far = min(far, *pays)

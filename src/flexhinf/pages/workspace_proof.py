@@ -57,16 +57,18 @@ def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange
     return Table(
         ("each vibration by itself", "range or size", "how it is known"),
         [*_range_rows(setup, proved), _computed_row(error)],
-        caption(with_slope=False),
+        caption(NONE),
         stacks=True,
     )
 
 
-def caption(with_slope: bool) -> str:
+def caption(errors: Errors, slope_is_left_out: bool = True) -> str:
     """What the sizes of errors mean, and for what they hold."""
-    gravity = "" if with_slope else "gravity without slope, "
+    gravity = "gravity without slope, " if slope_is_left_out else ""
+    springs = "" if errors.damping else "springs without damping, "
+    size = "" if errors.any_motion else ", small motions"
     return (
-        f"For motors made alike, {gravity}springs without damping, no dry friction, small motions. Errors are "
+        f"For motors made alike, {gravity}{springs}no dry friction{size}. Errors are "
         "those of the links' inertia matrix, which masses and payloads make, and of the stiffness: symmetric, in the "
         "coordinates of their square roots, and the same at all times. What is not named is exact. No error of a motor "
         "is among them."
@@ -166,7 +168,13 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     whole = f"; it does so at {proof.poses_inside} of {RANGE_POSES} {chosen}"
     if arm and arm.low is not None:
         whole = f"; it does so at every pose of the workspace, shown in {arm.boxes} boxes of poses"
-    masses, (softer, stiffer), slope = proof.errors
+    masses, (softer, stiffer), *_ = proof.errors
+    damping = proof.errors.damping
+    damped = (
+        f"damped by at most {number(1e3 * damping, 3)} ms times it, or not at all"
+        if damping
+        else "without damping"
+    )
     errors = (
         "the model's own masses"
         if checked is None
@@ -185,16 +193,23 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     return (
         f"poses at which the arm vibrates at {number(low, 3)} to {number(high, 3)} rad/s with its motors held{whole}",
         errors,
-        f"{springs}, linear and without damping; motors as the model's, made alike with the true torque of the springs",
-        f"small motions about rest, {_slope_hypothesis(proof, slope)}; no dry friction, no backlash, no limit of an "
+        f"{springs}, linear and {damped}; motors as the model's, made alike with the true torque of the springs",
+        f"{motions(proof)} about rest, {_slope_hypothesis(proof)}; no dry friction, no backlash, no limit of an "
         "input",
         f"the sampled loop with {_loop_text(setup)}{delay_text(checked, setup.specification.period)}, and exact motion "
         "between the samples; no other delay",
     )
 
 
-def _slope_hypothesis(proof: WorkspaceProof, proved: Sector) -> str:
+def motions(proof: WorkspaceProof) -> str:
+    """Of which motions a proof is."""
+    alone = len(proof.setup.joints) == 1 and proof.stated.errors.slope == EXACT  # linear
+    return "motions of any size" if proof.errors.any_motion or alone else "small motions"
+
+
+def _slope_hypothesis(proof: WorkspaceProof) -> str:
     """What is assumed of gravity's slope."""
+    proved = proof.errors.slope
     stated, poses = proof.stated.errors.slope, proof.stated.slope_poses
     where = f"at {poses} sampled poses" if poses else "at every pose"
     if stated == EXACT:
@@ -248,7 +263,7 @@ def proof_text(proof: WorkspaceProof) -> str:
             every = "masses and payloads, and of springs if their true torque makes the unlike motors alike"
         return (
             f"Proved for the file's tolerances of {every}, {where}: they make "
-            f"{errors_text(file_errors, True)}, and small motions about rest are stable with {proved}."
+            f"{errors_text(file_errors, True)}, and {motions(proof)} about rest are stable with {proved}."
         )
     tolerated, needed, which = min(
         zip(proof.errors.numbers, stated.of_tolerances.errors.numbers, KINDS),
@@ -377,7 +392,12 @@ def _proof_table(proof: WorkspaceProof) -> Table:
             file_errors._replace(masses=Sector(arm.lower, arm.upper)),
         )
     rows.append(("the file's masses, payloads and springs", errors_text(file_errors, True), where))
-    return Table(("what", "range or size", "how it is known"), rows, caption(proof.has_slope), stacks=True)
+    return Table(
+        ("what", "range or size", "how it is known"),
+        rows,
+        caption(proof.errors, not proof.has_slope),
+        stacks=True,
+    )
 
 
 def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict: DesignVerdict) -> Page:

@@ -97,6 +97,7 @@ class CheckedArm(NamedTuple):
     high: float | None
     boxes: int  # of joint positions, of all inequalities
     slope: float | None  # γ: |∂G/∂q| ≤ γK at every pose; None where nothing is said of it
+    joints: int
 
 
 def arm_claim(numbers: Mapping[str, Any]) -> ArmClaim:
@@ -210,7 +211,7 @@ def _checked(claim: ArmClaim) -> CheckedArm | str:
         return "the slope of gravity"
     boxes, ends = 0, claim.range or (None, None)
     if not claim.payloads and claim.range is None:
-        return CheckedArm(claim.lower, claim.upper, *ends, boxes, claim.slope)
+        return CheckedArm(claim.lower, claim.upper, *ends, boxes, claim.slope, len(claim.joints))
     if len(claim.joints) > JOINTS_IN_BOXES:
         return "an arm of so many joints"
     for name, terms in inequalities(claim):
@@ -218,7 +219,7 @@ def _checked(claim: ArmClaim) -> CheckedArm | str:
         if found is None:
             return name
         boxes += found
-    return CheckedArm(claim.lower, claim.upper, *ends, boxes, claim.slope)
+    return CheckedArm(claim.lower, claim.upper, *ends, boxes, claim.slope, len(claim.joints))
 
 
 def weights_of(claim: ArmClaim) -> list[Weight]:

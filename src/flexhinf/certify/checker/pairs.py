@@ -23,6 +23,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
 from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
+from flexhinf.certify.checker.pair_flow import pair_flow
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, frobenius, positive_definite, taylor_row
 from flexhinf.errors import InvalidInput, refuse_if
 
@@ -40,8 +41,9 @@ LOOP = ["period", "motor", "damping", "holding", "input", "rate", "delay"]
 ERRORS = ["lower", "upper", "softer", "stiffer", "falling", "holding_up"]
 SPRING_WEIGHTS = ["spring_multiplier", "twist_weight", "rate_weight", "lift"]
 SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift"]
-MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS]
-SCALARS = [*LOOP, *ERRORS, *MULTIPLIERS]
+DAMPING_WEIGHTS = ["damping_weight", "damping_rate_weight", "damping_lift"]
+MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS, *DAMPING_WEIGHTS]
+SCALARS = [*LOOP, *ERRORS, "spring_damping", *MULTIPLIERS]
 
 #: Degree of u and v together up to which parts of N that bend count by their directions; the others count by norms.
 BENT = 3
@@ -79,6 +81,11 @@ class PairClaim(NamedTuple):
     place_weight: float
     slope_rate_weight: float
     slope_lift: float
+    spring_damping: float  # β, s
+    damping_weight: float  # these three of damped springs
+    damping_rate_weight: float
+    damping_lift: float
+    any_motion: bool  # whether gravity is any function with such slopes, of one joint
     filters: np.ndarray  # (k, 3), p, σ and c of each filter of the multiplier
     rate: float  # α, 1/s
     delay: float  # θ₁, samples: the unknown delay is between 0 and this
@@ -93,8 +100,9 @@ class PairClaim(NamedTuple):
 
     @property
     def added(self) -> int:
-        """States that errors add: two of each filter, e where springs have errors, p where gravity has a slope."""
-        return 2 * len(self.filters) + self.with_springs + self.with_slope
+        """States that errors add: two of each filter, e where springs have errors, p where gravity has a slope, b where
+        springs are damped."""
+        return 2 * len(self.filters) + self.with_springs + self.with_slope + self.with_damping
 
     @property
     def with_springs(self) -> bool:
@@ -105,6 +113,11 @@ class PairClaim(NamedTuple):
     def with_slope(self) -> bool:
         """Whether gravity has a slope."""
         return max(self.falling, self.holding_up) > 0.0
+
+    @property
+    def with_damping(self) -> bool:
+        """Whether springs are damped."""
+        return self.spring_damping > 0.0
 
 
 class CheckedPairs(NamedTuple):
@@ -118,6 +131,8 @@ class CheckedPairs(NamedTuple):
     stiffer: float  # ε₂: and up to (1 + ε₂) K
     falling: float  # γ₁: slopes of gravity down to −γ₁ K
     holding_up: float  # γ₂: and up to γ₂ K
+    spring_damping: float  # β, s: springs damped by up to β K, or not at all
+    any_motion: bool  # of one joint: motions of any size, with any torque of gravity that has such slopes
     rate: float  # α, 1/s: small motions about norms decay at least like exp(−αt)
     delay: float  # θ₁, samples: with every constant delay of the inputs up to it, beside the latency
     intervals: int
@@ -139,7 +154,7 @@ def refused_as_damaged(what: str) -> Generator[None]:
 def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
     with refused_as_damaged("certificate of a workspace"):
-        one = {name: finite_numbers(numbers[name], 0) for name in SCALARS}
+        one = {name: float(finite_numbers(numbers[name], 0)) for name in SCALARS}
         filters = _filters(numbers["filters"])
         latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
@@ -156,8 +171,20 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
         springs = max(one["softer"], one["stiffer"]) > 0.0
         slope = max(one["falling"], one["holding_up"]) > 0.0
+        damped, any_motion = bool(one["spring_damping"] > 0.0), numbers["any_motion"]
+        if not isinstance(any_motion, bool):
+            raise ValueError(f"any_motion {any_motion!r}")
         delayed = bool(one["delay"] > 0.0)
-        n = 6 + delayed + latency + 4 * (seen is not None) + 2 * len(filters) + bool(springs) + bool(slope)
+        n = (
+            6
+            + delayed
+            + latency
+            + 4 * (seen is not None)
+            + 2 * len(filters)
+            + bool(springs)
+            + bool(slope)
+            + damped
+        )
         links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
         delays = [finite_numbers(part["delays"], 1).tolist() if delayed else [0.0] for part in parts]
         storages = [
@@ -190,6 +217,18 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
                 "slope_rate_weight",
                 one["slope_rate_weight"] > 0.0 or (one["slope_rate_weight"] == 0.0 and not slope),
             ),
+            ("spring_damping", one["spring_damping"] >= 0.0),
+            ("damping_weight", one["damping_weight"] >= 0.0),
+            # b ḃ ≥ 0 stands with 2τ less this weight
+            (
+                "damping_rate_weight",
+                one["damping_rate_weight"] > 0.0
+                and arb(one["damping_rate_weight"]) * arb(one["spring_damping"])
+                <= 2 * arb(one["multiplier"]) * arb(one["period"])
+                if damped
+                else one["damping_rate_weight"] == 0.0,
+            ),
+            ("any_motion", not any_motion or one["rate"] == 0.0),
             ("filters", (filters[:, 0] > 0.0).all()),
             ("poles", (poles > 0.0).all()),
             ("delay", 0.0 <= one["delay"] <= 1.0),
@@ -206,13 +245,14 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         "the file that flexhinf certify has written",
     )
     return PairClaim(
-        **{name: float(value) for name, value in one.items()},
+        **one,
         latency=latency,
         poles=poles,
         coefficients=coefficients,
         seen=seen,
         table=table,
         filter_range=ends,
+        any_motion=any_motion,
         filters=filters,
         links=links,
         delays=delays,
@@ -266,7 +306,8 @@ def check_pairs(claim: PairClaim) -> CheckedPairs | int:
             return k
     low, high = claim.links[[0, -1]].tolist()
     errors = claim.lower, claim.upper, claim.softer, claim.stiffer, claim.falling, claim.holding_up
-    return CheckedPairs(low, high, *errors, claim.rate, claim.delay, len(claim.storages))
+    gravity = claim.spring_damping, claim.any_motion
+    return CheckedPairs(low, high, *errors, *gravity, claim.rate, claim.delay, len(claim.storages))
 
 
 class Box(NamedTuple):
@@ -386,7 +427,7 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
 def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb(0), arb(0))) -> _WorstPeriod:
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u, and θ the
     same of v and the two numbers `late`."""
-    one, alpha = _flow(claim, centre, half), arb(claim.rate) * arb(claim.period)
+    one, alpha = pair_flow(claim, centre, half), arb(claim.rate) * arb(claim.period)
     inputs, shift = 1 + (claim.delay > 0.0), one.shift
     size = 4 + inputs + claim.added
     if claim.delay:
@@ -409,130 +450,11 @@ def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb
     return _WorstPeriod(after, acting.transpose() @ q @ acting, moves.transpose() @ w @ moves)
 
 
-class _Flow(NamedTuple):
-    """What errors do to a pair within a period, in periods."""
-
-    hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f), what errors add, and its costate
-    shift: TaylorMatrix  # S, which is added to V
-    free: TaylorMatrix  # M of (z, z′, s, s′, f), without errors and rate
-
-
-class _Forms:
-    """Matrices of a pair with entries of balls: a constant, and a factor of λ in 1/s² times h²."""
-
-    def __init__(self, claim: PairClaim) -> None:
-        self._claim, self._size = claim, 5 + claim.added
-        zero = np.full((self._size, self._size), arb(0), dtype=object)
-        # M′, the entry of the worst, Q′ and S: a constant, and a factor of λh².
-        self.moved, self.entry, self.gained, self.shift = ([zero.copy(), zero.copy()] for _ in range(4))
-        self.lift = zero.copy()  # and of S a factor of 1/(λh²)
-        self._unit = np.eye(self._size, dtype=int).astype(object)
-        self._drive()
-
-    def _drive(self) -> None:
-        claim, unit = self._claim, self._unit
-        none = unit[0] * 0
-        z, push, twist, turn, force = unit[:5]
-        after_filters = 5 + 2 * len(claim.filters)
-        error = unit[after_filters] if claim.with_springs else none
-        fall = unit[-1] if claim.with_slope else none
-        h = arb(claim.period)
-        kappa, beta, nu = arb(claim.motor) * h**2, arb(claim.damping) * h, arb(claim.holding) * h**2
-        alpha, tau = arb(claim.rate) * h, arb(claim.multiplier)
-        # What else than the twist of the spring turns s: ṙ without −λ(s + e − p) − κ(s + e).
-        driven = arb(claim.input) * h**2 * force - nu * (twist + z) - beta * (turn + push)
-        r, o, felt = turn + alpha * twist, push + alpha * z, twist + error - fall
-        driving, rising = driven + alpha * (turn + r), alpha * (push + o)
-        _add(self.moved[0], np.outer(z, push) + np.outer(twist, turn))
-        _add(self.moved[0], np.outer(turn, driven - kappa * (twist + error)))
-        _add(self.moved[0], alpha * np.diag([1] * 5 + [0] * (self._size - 5)).astype(object))
-        pushed, mean = push - turn, (arb(claim.upper) - arb(claim.lower)) / 2 * felt
-        _add(self.moved[1], np.outer(pushed, felt))
-        _add(self.gained[0], tau * _twice(r, driving))
-        _add(self.shift[0], tau * (np.outer(r, r) + kappa * np.outer(twist + error, twist + error)))
-        _add(self.shift[1], tau * np.outer(felt, felt))
-        for k, numbers in enumerate(claim.filters.tolist()):
-            pole, multiplier, lift = map(arb, numbers)
-            seen, answer = unit[5 + 2 * k], unit[6 + 2 * k]
-            _add(self.moved[0], np.outer(seen, felt - pole * seen) - pole * np.outer(answer, answer))
-            _add(self.gained[0], multiplier * _twice(answer, felt))
-            _add(self.lift, lift * np.outer(answer, answer))
-            pushed, mean = pushed + answer, mean - multiplier * seen
-        _add(self.moved[1], np.outer(pushed, mean))
-        _add(self.entry[1], np.outer(pushed, pushed))
-        _add(
-            self.gained[1], np.outer(mean, mean) + arb(claim.lower) * arb(claim.upper) * np.outer(felt, felt)
-        )
-        if claim.with_springs:
-            self._channel(error, twist, r, tau * driving, ("softer", "stiffer"), SPRING_WEIGHTS)
-        if claim.with_slope:
-            self._channel(fall, z, o, tau * rising, ("falling", "holding_up"), SLOPE_WEIGHTS)
-
-    def _channel(
-        self,
-        error: np.ndarray,
-        signal: np.ndarray,
-        rate: np.ndarray,
-        drive: np.ndarray,
-        ends: tuple[str, str],
-        names: list[str],
-    ) -> None:
-        """A state, an error of a signal, whose rate is an error of the signal's rate and stands beside a drive."""
-        lower, upper = (arb(getattr(self._claim, name)) for name in ends)
-        multiplier, weight, rate_weight, lift = (arb(getattr(self._claim, name)) for name in names)
-        n = (upper - lower) / 2 * rate + drive / rate_weight
-        _add(self.moved[0], np.outer(error, n))
-        _add(self.entry[0], np.outer(error, error) / rate_weight)
-        _add(self.shift[0], lift * np.outer(error, error))
-        _add(self.gained[0], rate_weight * (np.outer(n, n) + lower * upper * np.outer(rate, rate)))
-        known = lower * upper * np.outer(signal, signal) + (upper - lower) / 2 * _twice(signal, error)
-        _add(self.gained[0], weight * (known - np.outer(error, error)) + multiplier * _twice(rate, error))
-
-
-def _add(matrix: np.ndarray, other: np.ndarray) -> None:
-    """Add in place."""
-    matrix += other
-
-
-def _flow(claim: PairClaim, centre: arb, half: arb) -> _Flow:
-    forms, h = _Forms(claim), arb(claim.period)
-
-    def linear(parts: list[np.ndarray]) -> TaylorMatrix:
-        """constant + λh² slope."""
-        first, second = (
-            arb_mat([[arb(0) + entry for entry in row] for row in part.tolist()]) for part in parts
-        )
-        return TaylorMatrix({(0, 0): first + second * (h**2 * centre), (1, 0): second * (h**2 * half)})
-
-    m, q = linear(forms.moved), linear(forms.gained)
-    hamiltonian = TaylorMatrix.stacked([[m, linear(forms.entry)], [-q, -m.transpose()]])
-    shift = linear(forms.shift)
-    if len(claim.filters):
-
-        def reciprocal(link: arb_series) -> list[arb_series]:
-            return [1 / (link * h**2)]
-
-        lift = arb_mat(forms.lift.tolist())
-        shift += taylor_row(reciprocal, centre, half).each(lambda part: lift * part[0, 0])
-    return _Flow(hamiltonian, shift, linear(_still(claim)))
-
-
-def _still(claim: PairClaim) -> list[np.ndarray]:
-    """M of (z, z′, s, s′, f) without errors and rate, a constant and a factor of λh²."""
-    exact = dict.fromkeys((*ERRORS, *MULTIPLIERS, "rate"), 0.0)
-    return _Forms(claim._replace(**exact, filters=np.zeros((0, 3)))).moved
-
-
-def _twice(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The matrix of the quadratic form 2 (left · x)(right · x)."""
-    return np.outer(left, right) + np.outer(right, left)
-
-
 def regular_at_first(claim: PairClaim) -> bool:
     """Whether Φ₂₂ is regular at all instants of a period at the first λ: then it is so in all intervals in which it is
     regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
     with _balls():
-        whole_flow, size = _flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.added
+        whole_flow, size = pair_flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.added
         rate, shift = whole_flow.hamiltonian.constant, whole_flow.shift
         parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
         while parts:

@@ -42,6 +42,7 @@ from flexhinf.robot import Robot
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
 from flexhinf.robot.parameters import INERTIA, VECTOR, per_joint
+from flexhinf.robot.springs import DAMPING
 
 #: Poses at which the arm's inertia matrix is compared with the plant's, and how near they must be.
 COMPARED, NEAR = 20, 1e-9
@@ -56,17 +57,31 @@ Numbers = dict[str, Any]
 
 
 def file_errors(setup: WorkspaceSetup) -> StatedErrors:
-    """The sectors of a setup's robots, by their tolerances, with gravity's slope.
+    """The sectors of a setup's robots, by their tolerances, with gravity's slope and the damping of springs.
 
-    The slope is a bound at every pose where bodies are known, else a twentieth more than at sampled poses.
+    The slope is a bound at every pose where bodies are known, else a twentieth more than at sampled poses. Of one joint
+    it is one of gravity's whole torque.
     """
     stated = stated_errors(setup)
     if (arm := _arm(setup)) is not None:
         slope, poses = float(arm["slope"]), 0
     else:
         slope, poses = WIDER * _sampled_slope(setup), POSES
-    slope = float(at_most(slope, 3))
-    return stated._replace(errors=stated.errors._replace(slope=Sector(slope, slope)), slope_poses=poses)
+    slope, damping = float(at_most(slope, 3)), float(at_most(_damping(setup), 3))
+    alone = len(setup.joints) == 1 and slope > 0.0
+    errors = stated.errors._replace(slope=Sector(slope, slope), damping=damping, any_motion=alone)
+    others = tuple(name for name in stated.others if name not in (DAMPING, "gravity"))
+    return stated._replace(errors=errors, slope_poses=poses, others=others)
+
+
+def _damping(setup: WorkspaceSetup) -> float:
+    """The largest damping of a spring over its stiffness, s."""
+    robot = setup.true.robot
+    ends, names = {p.name: p.interval[1] for p in robot.parameters}, robot.joint_names
+    return max(
+        ends.get(per_joint(DAMPING, joint, len(names)), 0.0) / stiffness
+        for joint, stiffness in zip(names, setup.law.joints.stiffness.tolist())
+    )
 
 
 def _sampled_slope(setup: WorkspaceSetup) -> float:

@@ -40,13 +40,20 @@ class StatedErrors(NamedTuple):
 
     @property
     def of_tolerances(self) -> StatedErrors:
-        """The same without gravity's slope, which no tolerance makes."""
-        return self._replace(errors=self.errors._replace(slope=EXACT))
+        """The same of masses, payloads and springs alone."""
+        return self._replace(errors=Errors(*self.errors[:2]))
 
     @property
     def parts(self) -> tuple[Errors, Errors]:
-        """What tolerances make, and gravity's slope."""
-        return self.of_tolerances.errors, Errors(EXACT, EXACT, self.errors.slope)
+        """Errors of masses, payloads and springs, and what stands beside them in a proof of any size."""
+        return self.of_tolerances.errors, Errors(EXACT, EXACT, *self.errors[2:])
+
+    @property
+    def variants(self) -> list[StatedErrors]:
+        """These, and what may be left out of them in turn: large motions, and all that stands beside tolerances."""
+        small = self._replace(errors=self.errors._replace(any_motion=False))
+        whole = [self, small, self.of_tolerances]
+        return [one for k, one in enumerate(whole) if one not in whole[:k]]
 
 
 def stated_errors(setup: WorkspaceSetup) -> StatedErrors:

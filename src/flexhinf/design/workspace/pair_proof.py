@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.checker.pairs import (
+    DAMPING_WEIGHTS,
     ERRORS,
     SLOPE_WEIGHTS,
     SPRING_WEIGHTS,
@@ -156,8 +157,8 @@ def largest_certificate(
     if whole and tolerance.share > 1.0:
         parts = [max(1.0, parts[-1])]
     for size in parts:
-        for part in RATES:
-            errors = fixed.and_share(size, shape)
+        errors = fixed.and_share(size, shape)
+        for part in RATES[errors.any_motion :]:  # a rate is of linear loops
             found = pair_certificate(
                 PairStorages(pairs, errors, tolerance.multipliers, part * slowest).lifted(),
                 lambda done, errors=errors: progress(
@@ -195,6 +196,9 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         "multiplier": multipliers.masses,
         **dict(zip(SPRING_WEIGHTS, multipliers.springs)),
         **dict(zip(SLOPE_WEIGHTS, multipliers.slope)),
+        "spring_damping": float(storages.errors.damping),
+        **dict(zip(DAMPING_WEIGHTS, multipliers.damping[1:])),
+        "any_motion": storages.errors.any_motion,
         "filters": [list(one) for one in multipliers.filters],
         "rate": float(storages.rate),
         "intervals": intervals,

@@ -58,12 +58,12 @@ class CertifiedErrors:
 
     @property
     def is_stated(self) -> bool:
-        """Whether all that the file states is within what is proved, with gravity's slope."""
+        """Whether all that the file states is within what is proved, with what stands beside its tolerances."""
         return self.checked is not None and self.stated.errors.within(proved_errors(self.checked))
 
     @property
     def holds_tolerances(self) -> bool:
-        """The same but for gravity's slope."""
+        """The same of masses, payloads and springs alone."""
         own = self.stated.of_tolerances.errors
         return self.checked is not None and own.within(proved_errors(self.checked))
 
@@ -73,7 +73,8 @@ def proved_errors(checked: CheckedPairs | None) -> Errors:
     if checked is None:
         return NONE
     masses, springs = Sector(checked.lower, checked.upper), Sector(checked.softer, checked.stiffer)
-    return Errors(masses, springs, Sector(checked.falling, checked.holding_up))
+    slope = Sector(checked.falling, checked.holding_up)
+    return Errors(masses, springs, slope, checked.spring_damping, checked.any_motion)
 
 
 class WorkspaceProof(NamedTuple):
@@ -185,30 +186,33 @@ def prove_workspace(
     loaded: Robot | None = None,
 ) -> WorkspaceProof:
     """The proof of symmetric errors of masses, beside the file's errors of springs; where these do not hold the file's,
-    of masses in its proportion, or of all that it states; where nothing is proved, of masses alone. Gravity's slope is
-    in it where the file's errors are proved beside it.
+    of masses in its proportion, or of all that it states; where nothing is proved, of masses alone. Gravity's slope and
+    damped springs are in it where the file's errors are proved beside them.
 
     `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
     """
     check_unknown_delay(setup.specification)
     pairs, stated = sampled_pairs(setup), file_errors(setup)
-    found = _proved(pairs, stated, progress)
-    if stated.errors.slope != EXACT and not found.is_stated:
-        without = _proved(pairs, stated.of_tolerances, progress)
-        if found.checked is None or (without.holds_tolerances and not found.holds_tolerances):
-            found = CertifiedErrors(stated, without.tolerance, without.numbers)
-    return with_others(setup, found, progress, loaded)
+    kept = None
+    for one in stated.variants:
+        found = _proved(pairs, one, progress)
+        if kept is None or kept.checked is None or (found.holds_tolerances and not kept.holds_tolerances):
+            kept = CertifiedErrors(stated, found.tolerance, found.numbers)
+        if kept.holds_tolerances:
+            break
+    assert kept is not None
+    return with_others(setup, kept, progress, loaded)
 
 
 def _proved(pairs: SampledPairs, stated: StatedErrors, progress: Callable[[str], None]) -> CertifiedErrors:
     """The proof of what is stated, as of `prove_workspace`."""
-    whole, slope = stated.parts
+    whole, beside = stated.parts
     masses, springs = Errors(stated.errors.masses), stated.errors._replace(masses=EXACT)
     shapes = [(SYMMETRIC, springs)]
     if min(masses.masses) < max(masses.masses):
         shapes.append((masses, springs))
     if max(stated.errors.springs) > 0.0:
-        shapes.append((whole, slope))
+        shapes.append((whole, beside))
     kept = None
     for shape, fixed in shapes:
         found = largest_certificate(pairs, shape, progress, fixed, whole=max(shape.springs) > 0.0)
@@ -317,6 +321,8 @@ def _arm_beyond(arm: CheckedArm, found: CheckedPairs) -> str:
     """What an arm is shown to have beyond the pairs of its file."""
     if arm.low is not None and arm.high is not None and not found.low <= arm.low < arm.high <= found.high:
         return "of its arm that it has vibrations beyond those of the pairs"
+    if found.any_motion and arm.joints > 1:
+        return "of several joints that motions may be large"
     if arm.lower > found.lower or arm.upper > found.upper:
         return "of its arm that masses have larger errors"
     if max(found.falling, found.holding_up) and (arm.slope or 0.0) > min(found.falling, found.holding_up):
@@ -336,6 +342,10 @@ def _beyond(stated: object, found: CheckedPairs) -> str:
         return "" if stated is None else "something else"
     for name, value in found._asdict().items():
         own = stated.get(name)
+        if isinstance(value, bool):
+            if own is value or own is False:
+                continue
+            return f"{name} = {str(own)[:40]}"
         if isinstance(own, bool) or not isinstance(own, (int, float)):
             return f"{name} = {str(own)[:40]}"
         less = own >= value if name == "low" else own <= value or name == "intervals"
