@@ -19,7 +19,8 @@ from benchmarks.workspace.arm import LATENCY, PERIOD
 from benchmarks.workspace.gamma import POSES, SEED
 from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, make_missing
-from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
+from flexhinf.certify.checker.pair_claim import pair_claim
+from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
 from flexhinf.design import Specification
 from flexhinf.design.workspace.everywhere import everywhere
 from flexhinf.design.workspace.masses import stated_errors

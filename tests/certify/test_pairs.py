@@ -18,7 +18,8 @@ from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
 from flexhinf.certify.checker import pairs as checker
-from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
+from flexhinf.certify.checker.pair_claim import ERRORS, pair_claim
+from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
 from flexhinf.design import Specification
 from flexhinf.design.workspace.pair_proof import claim_numbers, largest_certificate, pair_certificate
 from flexhinf.design.workspace.proof import sampled_pairs
@@ -305,7 +306,7 @@ def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung, falli
         (falling, (4, 5), 5.0),
     ):
         sizes = tolerance.errors.numbers
-        larger = {**numbers, **{checker.ERRORS[k]: min(0.99, factor * sizes[k]) for k in kinds}}
+        larger = {**numbers, **{ERRORS[k]: min(0.99, factor * sizes[k]) for k in kinds}}
         assert isinstance(check_pairs(pair_claim(larger)), int)
 
 

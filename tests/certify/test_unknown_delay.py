@@ -12,7 +12,8 @@ from scipy.linalg import expm
 from tests.refusals import refused_with
 
 from flexhinf.certify.checker import pairs as checker
-from flexhinf.certify.checker.pairs import Box, CheckedPairs, box_proved, check_pairs, pair_claim
+from flexhinf.certify.checker.pair_claim import pair_claim
+from flexhinf.certify.checker.pairs import Box, CheckedPairs, box_proved, check_pairs
 from flexhinf.design import Specification
 from flexhinf.design.workspace.pair_proof import claim_numbers, pair_certificate
 from flexhinf.design.workspace.preset import check_provable

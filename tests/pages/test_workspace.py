@@ -15,7 +15,6 @@ from tests import workspaces
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.certify.checker.moves import CheckedMoves
 from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design import Specification, design_workspace
 from flexhinf.design.advice import Advice, Change, Trial
@@ -26,7 +25,6 @@ from flexhinf.design.verdict import UNKNOWN
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import UNHELD, holding_requirement
 from flexhinf.design.workspace.masses import StatedErrors
-from flexhinf.design.workspace.moves import ProvedMoves
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.robustness import (
     LATEST,
@@ -47,7 +45,6 @@ from flexhinf.pages.files import EarlyParts, design_files
 from flexhinf.pages.page import files_section
 from flexhinf.pages.workspace_proof import (
     masses_text,
-    moves_text,
     stability_text,
     workspace_proof_ending,
     workspace_proof_page,
@@ -248,38 +245,6 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
         for text in (text_of(made.html()), " ".join(workspace_proof_ending(proof, UNKNOWN).text.split())):
             assert unnamed(text, *told) == []
             assert ("unlike motors" in text) == (kind == "proved" and not proof.has_like_motors)
-
-
-def test_a_speed_of_moves_is_rounded_so_that_it_holds_and_what_limits_it_is_said():
-    def text(joints=("hip", "lift"), **changed):
-        robot = SimpleNamespace(
-            joint_names=joints, links=SimpleNamespace(slides=(False, True)[: len(joints)])
-        )
-        moves = ProvedMoves(
-            {},
-            CheckedMoves(4.559, 1.0, 9.0, 3, 0),
-            900.0,
-            np.array([2.0, 0.5]),
-            True,
-            38.0,
-            np.array([19.0, 5.0]),
-            200,
-        )
-        moves = None if changed.get("moves", moves) is None else moves._replace(**changed)
-        return moves_text(SimpleNamespace(setup=SimpleNamespace(robot=robot), checked=1, moves=moves))  # type: ignore
-
-    assert (
-        unnamed(text(), "4.55", "11.9 %", "hip", "0.479 rad/s", "200 sampled", "30 rad/s", "Coriolis") == []
-    )
-    assert (
-        unnamed(text(poses=0, together=2.0, alone=np.array([1.0, 2.0])), "every pose", "227 %", "1.13 m/s")
-        == []
-    )
-    assert "limit it" not in text(together=2.0)
-    assert unnamed(text(has_limits=False), "0.119 rad/s or m/s") == []
-    assert unnamed(text(together=0.0), "no joint") == []
-    assert unnamed(text(moves=None), "nothing") == []
-    assert text(("hip",)) == ""
 
 
 @pytest.mark.ci("computes what another design tolerates")

@@ -333,10 +333,10 @@ def storage(worst: WorstPeriod, better: WorstPeriod) -> np.ndarray | None:
     if found is None or np.linalg.eigvalsh(found[0])[0] <= 0.0:
         return None
     smallest, far = found[0], _geometric_mean(*found)
-    return max((far, 0.5 * (far + smallest), smallest), key=lambda p: _least(better, p))
+    return max((far, 0.5 * (far + smallest), smallest), key=lambda p: _smallest_eigenvalue(better, p))
 
 
-def _least(worst: WorstPeriod, p: np.ndarray) -> float:
+def _smallest_eigenvalue(worst: WorstPeriod, p: np.ndarray) -> float:
     """The least eigenvalue of N in the unit of P; −∞ where P is not positive."""
     try:
         root = np.linalg.inv(np.linalg.cholesky(p)).T

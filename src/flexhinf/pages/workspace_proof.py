@@ -9,7 +9,8 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim
-from flexhinf.certify.checker.pairs import ERRORS, CheckedPairs
+from flexhinf.certify.checker.pair_claim import ERRORS
+from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.moves import ProvedMoves

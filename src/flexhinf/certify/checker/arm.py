@@ -22,8 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_mat, ctx
 
-from flexhinf.certify.checker.gravity import Weight, within_slope
-from flexhinf.certify.checker.pairs import BITS, finite_numbers, refused_as_damaged
+from flexhinf.certify.checker.gravity import ArmJoint, Weight, within_slope
+from flexhinf.certify.checker.pair_claim import finite_numbers, refused_as_damaged
+from flexhinf.certify.checker.pairs import BITS
 from flexhinf.certify.checker.taylor_matrix import frobenius, positive_definite
 
 #: Most joints of an arm in a file, of one whose joint ranges are covered by boxes, and boxes of one inequality.
@@ -37,18 +38,6 @@ SMALL = 1e-20
 
 #: A number's value in the model, and its lower and upper end.
 Interval = tuple[arb, arb, arb]
-
-
-class ArmJoint(NamedTuple):
-    """One joint, with the frame of the link behind it."""
-
-    parent: int  # −1 for the base
-    slides: bool
-    rotation: arb_mat  # (3, 3) of its frame at position zero in the parent's
-    translation: arb_mat  # (3, 1), m
-    axis: arb_mat  # (3, 1) in its frame
-    ends: tuple[float, float]  # rad or m
-    stiffness: arb  # N·m/rad or N/m
 
 
 class ArmBody(NamedTuple):

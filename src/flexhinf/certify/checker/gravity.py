@@ -11,14 +11,23 @@ to the centre of mass: at most m |g × ωᵢ| |r|. Where j slides, ωⱼ × r is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from flint import arb, arb_mat
 
 from flexhinf.certify.checker.taylor_matrix import frobenius, positive_definite
 
-if TYPE_CHECKING:
-    from flexhinf.certify.checker.arm import ArmJoint
+
+class ArmJoint(NamedTuple):
+    """One joint, with the frame of the link behind it."""
+
+    parent: int  # −1 for the base
+    slides: bool
+    rotation: arb_mat  # (3, 3) of its frame at position zero in the parent's
+    translation: arb_mat  # (3, 1), m
+    axis: arb_mat  # (3, 1) in its frame
+    ends: tuple[float, float]  # rad or m
+    stiffness: arb  # N·m/rad or N/m
 
 
 class Weight(NamedTuple):

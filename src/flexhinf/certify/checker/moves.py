@@ -37,7 +37,8 @@ from flexhinf.certify.checker.arm import (
     inertia_of,
     polynomial,
 )
-from flexhinf.certify.checker.pairs import BITS, PairClaim, finite_numbers, refused_as_damaged
+from flexhinf.certify.checker.pair_claim import PairClaim, finite_numbers, refused_as_damaged
+from flexhinf.certify.checker.pairs import BITS
 from flexhinf.certify.checker.taylor_matrix import TERMS, TaylorMatrix, positive_definite, taylor_row
 from flexhinf.errors import refuse_if
 

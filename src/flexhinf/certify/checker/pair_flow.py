@@ -9,15 +9,13 @@ search.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat, arb_series
 
+from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
-
-if TYPE_CHECKING:
-    from flexhinf.certify.checker.pairs import PairClaim
 
 
 class Flow(NamedTuple):
@@ -56,10 +54,10 @@ class PairForms:
         self.moved, self.entry, self.gained, self.shift = ([zero.copy() for _ in range(3)] for _ in range(4))
         self.lift = zero.copy()  # and of S a factor of 1/(λh²)
         unit = np.eye(self._size, dtype=int).astype(object)
-        rest = iter(unit[5 + 2 * len(claim.filters) :])
+        others = iter(unit[5 + 2 * len(claim.filters) :])
         there = claim.with_springs, claim.with_slope, claim.with_damping
         self._unit, self._none = unit, unit[0] * 0
-        self._added = [next(rest) if one else self._none for one in there]
+        self._added = [next(others) if one else self._none for one in there]
         self._drive()
 
     def _drive(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import JOINTS_IN_BOXES, ArmClaim, arm_claim
 from flexhinf.certify.checker.moves import CheckedMoves, Turning, check_moves, moves_claim, turning_boxes
-from flexhinf.certify.checker.pairs import pair_claim
+from flexhinf.certify.checker.pair_claim import pair_claim
 from flexhinf.design.workspace.masses import POSES
 from flexhinf.design.workspace.pair_proof import Numbers
 from flexhinf.design.workspace.samples import POSES_SEED

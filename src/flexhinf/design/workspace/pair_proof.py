@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import (
+from flexhinf.certify.checker.pair_claim import (
     DAMPING_WEIGHTS,
     ERRORS,
     SLOPE_WEIGHTS,
     SPRING_WEIGHTS,
-    Box,
     PairClaim,
-    box_proved,
     pair_claim,
-    regular_at_first,
 )
+from flexhinf.certify.checker.pairs import Box, box_proved, regular_at_first
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
 from flexhinf.modal.popov import NONE, Errors, PairStorages
 from flexhinf.modal.sampled_pairs import SampledPairs

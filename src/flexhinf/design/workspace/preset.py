@@ -8,7 +8,7 @@ Where that fails, the search goes on to the next one: at the same bandwidth with
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from flexhinf.design.requirements import Requirement
@@ -68,12 +68,15 @@ def selected_law(
     if s.preset != PROVED:
         return SelectedLaw(tuned_setup(robot, s, workspace, progress, tick), None)
     check_provable(robot, s)
-    box = _Box(progress)
-    while (setup := fastest_setup(robot, s, workspace, progress, tick, box.tolerant)) is not None:
-        found = box.proved(setup)
-        if found.is_stated:
-            return SelectedLaw(setup, with_others(setup, found, progress))
-        box.left.append(setup.gains.weights)
+    box: _Box | None = _Box(progress)
+    while box is not None:
+        while (setup := fastest_setup(robot, s, workspace, progress, tick, box.tolerant)) is not None:
+            found = box.proved(setup)
+            if found.is_stated:
+                found = replace(found, stated=file_errors(setup))
+                return SelectedLaw(setup, with_others(setup, found, progress))
+            box.left.append(setup.gains.weights)
+        box = box.following
     setup = tuned_setup(robot, s, workspace, progress, tick)
     return SelectedLaw(setup, prove_workspace(setup, progress))
 
@@ -84,15 +87,24 @@ class _Box:
 
     progress: Callable[[str], None]
     left: list[PairWeights] = field(default_factory=list[PairWeights])  # laws that were not proved
-    _stated: StatedErrors | None = None  # the same for all candidates
+    variant: int = 0  # of `StatedErrors.variants`
+    _stated: list[StatedErrors] = field(
+        default_factory=list[StatedErrors]
+    )  # variants, the same for all candidates
     # by the weights of a law and the torques that its estimator expects
     _shares: dict[tuple[PairWeights, tuple[float, float]], float] = field(
         default_factory=dict[tuple[PairWeights, tuple[float, float]], float]
     )
 
     def _stated_of(self, setup: WorkspaceSetup) -> StatedErrors:
-        self._stated = self._stated or file_errors(setup)
-        return self._stated
+        self._stated = self._stated or file_errors(setup).variants
+        return self._stated[self.variant]
+
+    @property
+    def following(self) -> _Box | None:
+        """The next variant; None after the last one, or where no candidate was asked."""
+        following = self.variant + 1
+        return _Box(self.progress, variant=following) if following < len(self._stated) else None
 
     def tolerant(self, setups: Sequence[WorkspaceSetup]) -> list[WorkspaceSetup]:
         """Those that tolerate all of them by a grid, with room for a proof; the one that tolerates most first.

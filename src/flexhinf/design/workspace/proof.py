@@ -17,7 +17,8 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim, check_moves, moves_claim
-from flexhinf.certify.checker.pairs import CheckedPairs, PairClaim, check_pairs, pair_claim
+from flexhinf.certify.checker.pair_claim import PairClaim, pair_claim
+from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.everywhere import Everywhere, everywhere, file_errors
 from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses
@@ -62,7 +63,7 @@ class CertifiedErrors:
         return self.checked is not None and self.stated.errors.within(proved_errors(self.checked))
 
     @property
-    def holds_tolerances(self) -> bool:
+    def are_tolerances_proved(self) -> bool:
         """The same of masses, payloads and springs alone."""
         own = self.stated.of_tolerances.errors
         return self.checked is not None and own.within(proved_errors(self.checked))
@@ -196,9 +197,13 @@ def prove_workspace(
     kept = None
     for one in stated.variants:
         found = _proved(pairs, one, progress)
-        if kept is None or kept.checked is None or (found.holds_tolerances and not kept.holds_tolerances):
+        if (
+            kept is None
+            or kept.checked is None
+            or (found.are_tolerances_proved and not kept.are_tolerances_proved)
+        ):
             kept = CertifiedErrors(stated, found.tolerance, found.numbers)
-        if kept.holds_tolerances:
+        if kept.are_tolerances_proved:
             break
     assert kept is not None
     return with_others(setup, kept, progress, loaded)

@@ -1,0 +1,255 @@
+"""The numbers of pairs in the certificate of a workspace, with the law and the loop that they are of."""
+
+# Not checked strictly: parts of NumPy have no types.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb
+
+from flexhinf.errors import InvalidInput, refuse_if
+
+#: Keys of single numbers in a file.
+LOOP = ["period", "motor", "damping", "holding", "input", "rate", "delay"]
+ERRORS = ["lower", "upper", "softer", "stiffer", "falling", "holding_up"]
+SPRING_WEIGHTS = ["spring_multiplier", "twist_weight", "rate_weight", "lift"]
+SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift"]
+DAMPING_WEIGHTS = ["damping_weight", "damping_rate_weight", "damping_lift"]
+MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS, *DAMPING_WEIGHTS]
+SCALARS = [*LOOP, *ERRORS, "spring_damping", *MULTIPLIERS]
+
+#: Most intervals, states of a pair, terms of a filter's series, and filters of the multiplier in a file.
+MOST = 100_000, 40, 2_000, 4
+
+
+class PairClaim(NamedTuple):
+    """The numbers of a file, all finite; units in `flexhinf.modal.pair`."""
+
+    period: float  # s
+    motor: float  # κ, 1/s²
+    damping: float  # β, 1/s
+    holding: float  # ν, 1/s²
+    input: float  # b, 1/s²
+    latency: int  # samples
+    poles: np.ndarray  # (k,), 1/s²
+    coefficients: np.ndarray  # (5, k + 1), of the gains of z, z′, w, w′ and the integral
+    seen: np.ndarray | None  # (m, 4), what the filter measures of z, z′, w, w′; None for the true state
+    table: np.ndarray | None  # (d, 4m), Chebyshev coefficients of its gains
+    filter_range: tuple[float, float] | None  # ends of log λ in it
+    lower: float  # δ₁
+    upper: float  # δ₂
+    softer: float  # ε₁
+    stiffer: float  # ε₂
+    falling: float  # γ₁
+    holding_up: float  # γ₂
+    multiplier: float  # τ, periods
+    spring_multiplier: float  # ρ, periods
+    twist_weight: float  # μ₁, periods²
+    rate_weight: float  # μ₂
+    lift: float  # c, periods
+    slope_multiplier: float  # these four of the slope of gravity
+    place_weight: float
+    slope_rate_weight: float
+    slope_lift: float
+    spring_damping: float  # β, s
+    damping_weight: float  # these three of damped springs
+    damping_rate_weight: float
+    damping_lift: float
+    any_motion: bool  # whether gravity is any function with such slopes, of one joint
+    filters: np.ndarray  # (k, 3), p, σ and c of each filter of the multiplier
+    rate: float  # α, 1/s
+    delay: float  # θ₁, samples: the unknown delay is between 0 and this
+    links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
+    delays: list[list[float]]  # (N, k), 0 to θ₁ in each of these, in samples
+    storages: list[np.ndarray]  # (N, k, 2, n, n), P at these θ, at both ends of the interval
+
+    @property
+    def states(self) -> int:
+        """n, of the loop of a pair, and what errors add."""
+        return 6 + (self.delay > 0.0) + self.latency + 4 * (self.seen is not None) + self.added
+
+    @property
+    def added(self) -> int:
+        """States that errors add: two of each filter, e where springs have errors, p where gravity has a slope, b where
+        springs are damped."""
+        return 2 * len(self.filters) + self.with_springs + self.with_slope + self.with_damping
+
+    @property
+    def with_springs(self) -> bool:
+        """Whether springs have errors."""
+        return max(self.softer, self.stiffer) > 0.0
+
+    @property
+    def with_slope(self) -> bool:
+        """Whether gravity has a slope."""
+        return max(self.falling, self.holding_up) > 0.0
+
+    @property
+    def with_damping(self) -> bool:
+        """Whether springs are damped."""
+        return self.spring_damping > 0.0
+
+
+@contextmanager
+def refused_as_damaged(what: str) -> Generator[None]:
+    """Refuse a file as damaged where it has other keys, kinds or shapes of values than are read."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(
+            f"The {what} cannot be read.",
+            f"{type(error).__name__}: {str(error)[:200]}",
+            "the file that flexhinf certify has written",
+        ) from error
+
+
+def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
+    """The claim of a parsed file; InvalidInput where it is damaged."""
+    with refused_as_damaged("certificate of a workspace"):
+        one = {name: float(finite_numbers(numbers[name], 0)) for name in SCALARS}
+        filters = _filters(numbers["filters"])
+        latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
+        if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
+            raise ValueError(f"latency {latency!r}")
+        if not isinstance(parts, list) or not 1 <= len(parts) <= MOST[0]:
+            raise ValueError("no interval, or too many")
+        seen = table = ends = None
+        if observer is not None:
+            seen, table = finite_numbers(observer["seen"], 2), finite_numbers(observer["table"], 2)
+            ends = tuple(finite_numbers(observer["range"], 1).tolist())
+            fits = seen.shape[1:] == (4,) and table.shape[1:] == (4 * len(seen),)
+            if not (fits and len(ends) == 2 and ends[0] < ends[1] and len(table) <= MOST[2]):
+                raise ValueError("the observer has other shapes")
+        poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
+        springs = max(one["softer"], one["stiffer"]) > 0.0
+        slope = max(one["falling"], one["holding_up"]) > 0.0
+        damped, any_motion = bool(one["spring_damping"] > 0.0), numbers["any_motion"]
+        if not isinstance(any_motion, bool):
+            raise ValueError(f"any_motion {any_motion!r}")
+        delayed = bool(one["delay"] > 0.0)
+        n = (
+            6
+            + delayed
+            + latency
+            + 4 * (seen is not None)
+            + 2 * len(filters)
+            + bool(springs)
+            + bool(slope)
+            + damped
+        )
+        links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
+        delays = [finite_numbers(part["delays"], 1).tolist() if delayed else [0.0] for part in parts]
+        storages = [
+            _symmetric(finite_numbers(part["storages"] if delayed else [part["storages"]], 3), len(own), n)
+            for part, own in zip(parts, delays)
+        ]
+        if any(part["low"] != low for part, low in zip(parts, links.tolist())):
+            raise ValueError("an interval does not begin where the one before it ends")
+        if coefficients.shape != (5, len(poles) + 1):
+            raise ValueError("the law has another shape")
+    wrong = [
+        name
+        for name, right in (
+            ("period", one["period"] > 0.0),
+            ("motor", one["motor"] >= 0.0),  # 0: a drive rejects its load
+            ("damping", one["damping"] >= 0.0),
+            ("holding", one["holding"] >= 0.0),
+            ("input", one["input"] > 0.0),
+            ("rate", one["rate"] >= 0.0),
+            ("lower", 0.0 <= one["lower"] < 1.0),
+            ("upper", one["upper"] >= 0.0),
+            ("softer", 0.0 <= one["softer"] < 1.0),
+            ("stiffer", one["stiffer"] >= 0.0),
+            ("falling", one["falling"] >= 0.0),
+            ("holding_up", one["holding_up"] >= 0.0),
+            ("twist_weight", one["twist_weight"] >= 0.0),
+            ("rate_weight", one["rate_weight"] > 0.0 or (one["rate_weight"] == 0.0 and not springs)),
+            ("place_weight", one["place_weight"] >= 0.0),
+            (
+                "slope_rate_weight",
+                one["slope_rate_weight"] > 0.0 or (one["slope_rate_weight"] == 0.0 and not slope),
+            ),
+            ("spring_damping", one["spring_damping"] >= 0.0),
+            ("damping_weight", one["damping_weight"] >= 0.0),
+            # b ḃ ≥ 0 stands with 2τ less this weight
+            (
+                "damping_rate_weight",
+                one["damping_rate_weight"] > 0.0
+                and arb(one["damping_rate_weight"]) * arb(one["spring_damping"])
+                <= 2 * arb(one["multiplier"]) * arb(one["period"])
+                if damped
+                else one["damping_rate_weight"] == 0.0,
+            ),
+            ("any_motion", not any_motion or one["rate"] == 0.0),
+            ("filters", (filters[:, 0] > 0.0).all()),
+            ("poles", (poles > 0.0).all()),
+            ("delay", 0.0 <= one["delay"] <= 1.0),
+            ("delays", all(own[0] == 0.0 and own[-1] == one["delay"] for own in delays)),
+            ("delays", all(first < last for own in delays for first, last in pairwise(own))),
+            ("intervals", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
+        )
+        if not right
+    ]
+    refuse_if(
+        bool(wrong),
+        "The certificate of a workspace has numbers outside their ranges.",
+        f"expected positive rates, sectors below 1, weights and ascending intervals, got other {', '.join(wrong)}",
+        "the file that flexhinf certify has written",
+    )
+    return PairClaim(
+        **one,
+        latency=latency,
+        poles=poles,
+        coefficients=coefficients,
+        seen=seen,
+        table=table,
+        filter_range=ends,
+        any_motion=any_motion,
+        filters=filters,
+        links=links,
+        delays=delays,
+        storages=storages,
+    )
+
+
+def _symmetric(triangles: np.ndarray, count: int, n: int) -> np.ndarray:
+    """Matrices (count, 2, n, n) of their lower triangles."""
+    if triangles.shape != (count, 2, n * (n + 1) // 2):
+        raise ValueError("a storage has another shape")
+    matrices = np.zeros((count, 2, n, n))
+    rows, columns = np.tril_indices(n)
+    matrices[..., rows, columns] = matrices[..., columns, rows] = triangles
+    return matrices
+
+
+def _filters(value: object) -> np.ndarray:
+    """p, σ and c of the filters of a multiplier, (k, 3)."""
+    if value == []:
+        return np.zeros((0, 3))
+    filters = finite_numbers(value, 2)
+    if filters.shape[1] != 3 or len(filters) > MOST[3]:
+        raise ValueError("the filters have other shapes")
+    return filters
+
+
+def finite_numbers(value: object, dimensions: int) -> np.ndarray:
+    """Numbers of a file, neither text nor truth values."""
+
+    def plain(part: object) -> None:
+        if isinstance(part, list):
+            for one in part:
+                plain(one)
+        elif isinstance(part, bool) or not isinstance(part, (int, float)):
+            raise ValueError(f"{part!r} is no number")
+
+    plain(value)
+    array = np.asarray(value, dtype=float)
+    if array.ndim != dimensions or array.size == 0 or not np.isfinite(array).all():
+        raise ValueError(f"expected finite numbers in {dimensions} dimensions")
+    return array
