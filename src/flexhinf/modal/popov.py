@@ -450,12 +450,11 @@ class PairStorages:
 
     def _widened(self, link: float, room: float, late: float) -> WorstPeriod | None:
         """A worst period that is worse by a room; None where no P exists."""
-        a, q, w = worst_period(self.pairs.late_by(late), link, self.errors, self.multipliers, self.rate)
+        pairs = self.pairs.late_by(late)
+        a, q, w = worst_period(pairs, link, self.errors, self.multipliers, self.rate)
         own = len(a) - self._waiting
-        # A holds an error of the multiplier's choice, and need not be stable; without it is a loop within the sector.
-        loop = worst_period(self.pairs, link, self.errors, self.multipliers.without_gain, self.rate).a[
-            :own, :own
-        ]
+        # A holds an error that the multiplier chooses, and need not be stable; the loop without errors is.
+        loop = worst_period(pairs, link, NONE, self.multipliers.without_gain, self.rate).a
         far = 1.0 - float(np.abs(np.linalg.eigvals(loop)).max())
         if far <= 0.0:
             return None
