@@ -149,7 +149,7 @@ def test_search_and_checker_compute_the_same_game(
     loop, link = SampledPairs(pairs.gains, latency, filter, DELAY, late), 205.0**2
     slope = Sector(0.0, 0.1) if springs != EXACT else EXACT
     weights = ChannelWeights(0.3, 0.1, 0.5, 0.7)
-    multipliers = Multipliers(20.0, weights, weights, (FilterWeights(0.2, 0.3, 0.1),))
+    multipliers = Multipliers(20.0, weights, weights, filters=(FilterWeights(0.2, 0.3, 0.1),))
     errors = Errors(Sector(0.3, 0.5), springs, slope)
     expected = worst_period(loop, link, errors, multipliers, 0.4)
     n = len(expected.a)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -146,7 +147,10 @@ def test_the_report_of_another_robot_is_not_replaced_in_silence(
     def stop(*given: object) -> None:
         raise fh.InvalidInput("A design begins.")
 
-    monkeypatch.setattr(fh, command, stop)
+    if command == "design":
+        monkeypatch.setattr(import_module("flexhinf.design"), "design_with", stop)
+    else:
+        monkeypatch.setattr(fh, command, stop)
     report.write(folder / "made", {"design.json": json.dumps({"robot": earlier})})
     assert main([command, "paper", "--pose", "10deg", "--out", "made"]) == 2
     assert ("'belt'" in capsys.readouterr().err) is (earlier == "belt")

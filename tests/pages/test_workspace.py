@@ -208,7 +208,10 @@ def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolera
 def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
     """Errors that hold the file's and that do not, stability alone of a part of the vibrations, and nothing."""
     low, high, setup = 70.0, design.setup.law.gains.ends[1], design.setup
-    stable, some = ProvedRange(low, high, 3), CheckedPairs(low, high, 0.2, 0.25, 0.15, 0.12, 0.0, 0.0, 0.0, 9)
+    stable, some = (
+        ProvedRange(low, high, 3),
+        CheckedPairs(low, high, 0.2, 0.25, 0.15, 0.12, 0.0, 0.0, 0.0, False, 0.0, 0.0, 9),
+    )
     far = UnstableError(-0.4, (100.0,), 0.0, 1.0)
     needed, more, stiffer = (
         StatedErrors(Errors(Sector(*masses), Sector(*springs)), 200, ("friction",))

@@ -190,8 +190,7 @@ class Design(Judged, Reported):
         self, samples: int, workers: int = 0, device: Device = "cpu", **options: Unpack[CampaignKeywords]
     ) -> xr.Dataset:
         """Runs of many robots within their tolerances, in memory: the step or move of one pose, a move of each robot's
-        own for a workspace. ``options``: of `flexhinf campaign run`. Others, and what is returned, are as of
-        `flexhinf.run_campaign`."""
+        own for a workspace. ``options``: of `flexhinf campaign run`; the rest is as of `flexhinf.run_campaign`."""
         return import_module("flexhinf.design.campaign_folder").campaign_in_memory(
             self, samples, workers, device, **options
         )
