@@ -371,7 +371,10 @@ def damaged(numbers, rng):
     file, name = copy.deepcopy(numbers), str(rng.choice(sorted(set(numbers) - {"observer"})))
     wrong = [None, "text", [], {}, True, float("nan"), float("inf"), "1", [[1.0], [2.0, 3.0]]]
     file[name] = wrong[int(rng.integers(len(wrong)))]
-    if rng.random() < 0.2 or (name, file[name]) == ("filters", []):  # which is none
+    if rng.random() < 0.2 or (name, file[name]) in (
+        ("filters", []),
+        ("any_motion", True),
+    ):  # both are allowed
         del file[name]
     return file
 

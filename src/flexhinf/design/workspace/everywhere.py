@@ -11,6 +11,7 @@ payloads, is shown in boxes of joint positions where there are few joints.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from decimal import ROUND_CEILING, Context, Decimal
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -36,7 +37,6 @@ from flexhinf.design.workspace.masses import (
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import Sector
-from flexhinf.numerals import at_most
 from flexhinf.plant.joints import coupling_of, elastic_joints, link_compliance
 from flexhinf.robot import Robot
 from flexhinf.robot.arm import Pendulum
@@ -67,11 +67,17 @@ def file_errors(setup: WorkspaceSetup) -> StatedErrors:
         slope, poses = float(arm["slope"]), 0
     else:
         slope, poses = WIDER * _sampled_slope(setup), POSES
-    slope, damping = float(at_most(slope, 3)), float(at_most(_damping(setup), 3))
+    slope, damping = _rounded_up(slope), _rounded_up(_damping(setup))
     alone = len(setup.joints) == 1 and slope > 0.0
     errors = stated.errors._replace(slope=Sector(slope, slope), damping=damping, any_motion=alone)
     others = tuple(name for name in stated.others if name not in (DAMPING, "gravity"))
     return stated._replace(errors=errors, slope_poses=poses, others=others)
+
+
+def _rounded_up(value: float) -> float:
+    """A number of three digits that is not smaller, as texts have it."""
+    rounded = Context(prec=3, rounding=ROUND_CEILING).create_decimal(Decimal(value))
+    return max(value, float(rounded))
 
 
 def _damping(setup: WorkspaceSetup) -> float:
