@@ -82,7 +82,22 @@ def popov_tolerance(
     if place is None:
         return PopovTolerance(search.errors(0.0), Multipliers(0.0), 0.0)
     best, place = _climbed(search, best, place)
+    if not any(place.channels):
+        best, place = _with_more(search, starts, best, place)
     return PopovTolerance(search.errors(best), place.multipliers, best)
+
+
+def _with_more(
+    search: _Largest, starts: Sequence[_Place], best: float, place: _Place
+) -> tuple[float, _Place]:
+    """The best place, or one with more filters that is better after it has climbed too."""
+    more = [one for one in starts if len(one.powers) > len(place.powers)]
+    share, other = _best(search, more)
+    if other is not None:
+        share, other = _climbed(search, share, other)
+        if share > best:
+            return share, other
+    return best, place
 
 
 def _best(search: _Largest, starts: Sequence[_Place]) -> tuple[float, _Place | None]:
