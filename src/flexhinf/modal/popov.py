@@ -20,10 +20,11 @@ flow), M′ = M + λ ½(δ₂ − δ₁) g tᵀ + i nᵀ and n = ½(ε₂ − ε
     Q′ = λ ¼(δ₁ + δ₂)² t tᵀ + τ (r yᵀ + y rᵀ) + μ₂ (n nᵀ + ε₁ε₂ r rᵀ) + ρ (r iᵀ + i rᵀ)
         + μ₁ (ε₁ε₂ s sᵀ + ½(ε₂ − ε₁)(s iᵀ + i sᵀ) − i iᵀ).
 
-Where springs are exact, e and v are left out. With the memory of the controller the loop is ξ⁺ = A ξ + v, and
-V_λ = ξᵀ P(λ) ξ proves stability with the rate α if P > 0 and N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0
-(docs/theorem.md). P is linear in λ in an interval; at its ends it lies between solutions of a Riccati equation. Nothing
-here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with it.
+Gravity's slope adds p = Γ z, with −p in t, damped springs add b = B s′, and filters of the multiplier, which let τ
+depend on frequency, add a_f and d_f: docs/theorem.md has their terms. What has no error is left out. With the memory of
+the controller the loop is ξ⁺ = A ξ + v, and V_λ = ξᵀ P(λ) ξ proves stability with the rate α if P > 0 and
+N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0. P is linear in λ in an interval; at its ends it lies between solutions of a
+Riccati equation. Nothing here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with it.
 
 The unit of time is the period, so that all numbers have a size near one.
 """
