@@ -39,7 +39,13 @@ from flexhinf.certify.checker.arm import (
 )
 from flexhinf.certify.checker.pair_claim import PairClaim, finite_numbers, refused_as_damaged
 from flexhinf.certify.checker.pairs import BITS
-from flexhinf.certify.checker.taylor_matrix import TERMS, TaylorMatrix, positive_definite, taylor_row
+from flexhinf.certify.checker.taylor_matrix import (
+    NO_ENCLOSURE,
+    TERMS,
+    TaylorMatrix,
+    positive_definite,
+    taylor_row,
+)
 from flexhinf.errors import refuse_if
 
 #: Lengths of an interval in log λ: the first, the largest and the smallest.
@@ -183,12 +189,7 @@ def _falls(claim: MovesClaim, low: float, high: float, first: bool) -> bool:
         moved = _loop(claim.loop, centre, half) @ turn
         own = turn.transpose() @ before @ turn
         return (not first or _positive(own)) and _positive(own - moved.transpose() @ after @ moved)
-    except (
-        ZeroDivisionError,
-        OverflowError,
-        ValueError,
-        np.linalg.LinAlgError,
-    ):  # an enclosure does not exist
+    except NO_ENCLOSURE:
         return False
 
 

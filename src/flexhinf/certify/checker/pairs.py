@@ -25,7 +25,13 @@ from flint import arb, arb_mat, arb_series, ctx
 from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
 from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.pair_flow import pair_flow
-from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, frobenius, positive_definite, taylor_row
+from flexhinf.certify.checker.taylor_matrix import (
+    NO_ENCLOSURE,
+    TaylorMatrix,
+    frobenius,
+    positive_definite,
+    taylor_row,
+)
 
 #: Bits of the balls.
 BITS = 106
@@ -95,12 +101,7 @@ def box_proved(claim: PairClaim, box: Box) -> bool:
     with _balls():
         try:
             return _proves(claim, box)
-        except (
-            ZeroDivisionError,
-            OverflowError,
-            ValueError,
-            np.linalg.LinAlgError,
-        ):  # an enclosure does not exist
+        except NO_ENCLOSURE:
             return False
 
 

@@ -24,6 +24,9 @@ TERMS, POWERS = (6, 5), 32
 #: Largest entry of a matrix that has an exponential here.
 LARGEST = 1e6
 
+#: What is raised where an enclosure does not exist.
+NO_ENCLOSURE = ZeroDivisionError, OverflowError, ValueError, np.linalg.LinAlgError
+
 Rows = Iterable[Iterable[arb | int | float]]
 
 #: The powers (k, l) of u and v.
