@@ -288,7 +288,9 @@ KINDS = (
 
 def others_text(proof: WorkspaceProof) -> str:
     """Uncertain quantities of the file that no proof holds."""
-    others = proof.stated.others
+    others = list(proof.stated.others)
+    if proof.stated.errors.damping > proof.errors.damping:
+        others.append("damping of springs")
     return f"Not in the proof, though the file gives them tolerances: {', '.join(others)}." if others else ""
 
 
