@@ -75,7 +75,7 @@ def design_files(
     tried after a design for a workspace, and `early` has its figures and runs, where there are any.
     """
     parts = _parts_of(design, command, warnings, advice, early)
-    runs = {} if early is None else early.runs
+    runs: Mapping[str, bytes] = {} if early is None else early.runs
     saves = {"controller": design.controller().save} | ({} if runs else _run_files(parts.runs))
     with _saved(saves) as saved:
         page = parts.page()  # with its figures, while another process writes the runs
