@@ -4,6 +4,7 @@ import copy
 import json
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from flint import arb, ctx
 
 from flexhinf.certify.checker import arm as checker
 from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
+from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design import Specification
 from flexhinf.design.responses import with_values
+from flexhinf.design.workspace import proof
 from flexhinf.design.workspace.everywhere import everywhere
 from flexhinf.design.workspace.masses import stated_errors
 from flexhinf.design.workspace.search import RANDOM
@@ -284,3 +287,32 @@ def test_none_of_a_hundred_forged_and_damaged_arms_is_accepted(found, name):
         part[key] = wrong[int(rng.integers(len(wrong)))]
         with pytest.raises(InvalidInput, match="certificate"):
             arm_claim(file)
+
+
+@pytest.mark.costs("the laws of two robots")
+@pytest.mark.parametrize("part", ["moment", "rotation", "axis"])
+def test_what_bounds_of_gravity_rely_on_is_asked_of_a_file(found, part):
+    """A moment stands for the mass of a single joint alone; frames turn, and axes are of length 1."""
+    file = json.loads(json.dumps(found["planar-two-link"].arm))
+    if part == "moment":
+        file["bodies"][1]["moment"] = [0.0, 0.0, 0.0]
+    else:
+        joint = file["joints"][1]
+        joint[part] = (0.9 * np.array(joint[part])).tolist()
+    with pytest.raises(InvalidInput, match="certificate"):
+        arm_claim(file)
+
+
+@pytest.mark.costs("the laws of two robots")
+def test_large_motions_are_of_one_joint_whose_gravity_is_shown(found, monkeypatch):
+    """A file says of them only beside an arm of one joint; an arm of two, or none, is more than the certificate."""
+    pairs = CheckedPairs(1.0, 1e9, 0.9, 9.0, 0.0, 0.0, 9.0, 9.0, 0.0, True, 0.0, 0.0, 1)
+    monkeypatch.setattr(proof, "pair_claim", lambda numbers: SimpleNamespace())
+    monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
+    arm = found["planar-two-link"].arm
+    for numbers in ({}, {"arm": arm}):
+        assert proof.pair_verdict({"pairs": {}, "proved": pairs._asdict(), **numbers}).beyond
+    shown = found["planar-two-link"].checked
+    assert proof._is_single_joint(shown._replace(joints=1), pairs)
+    assert not proof._is_single_joint(shown._replace(joints=1, slope=None), pairs)
+    assert not proof._is_single_joint(shown._replace(joints=1, slope=10.0), pairs)

@@ -341,8 +341,8 @@ def _largest_text(proof: WorkspaceProof) -> str:
 
 #: For which loops a speed of moves is proved.
 FROZEN = (
-    "with the model's own masses and springs, the arm of a sample held for its period, no Coriolis forces and no slope "
-    "of gravity"
+    "with the model's own masses, undamped springs, the arm of a sample held for its period, no Coriolis forces and no "
+    "slope of gravity"
 )
 
 

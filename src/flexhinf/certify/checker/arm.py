@@ -33,6 +33,9 @@ MOST_JOINTS, JOINTS_IN_BOXES, BOXES = 40, 4, 20_000
 #: Positions at which an inertia matrix is computed for its trigonometric polynomial: of a turn, and of a slide.
 TURNED, SLID = 5, 3
 
+#: How near to 1 the lengths of axes and of the rows of rotations are.
+TURNS = 1e-12
+
 #: A term whose coefficients are below this share of the largest counts as a bound alone.
 SMALL = 1e-20
 
@@ -100,6 +103,10 @@ def arm_claim(numbers: Mapping[str, Any]) -> ArmClaim:
             for name in ("lower", "upper", "bodies_lower", "bodies_upper")
         ]
         ends = None if numbers["range"] is None else tuple(finite_numbers(numbers["range"], 1).tolist())
+        if any(body.moment is not None for body in bodies) and (
+            len(joints) > 1 or any(j.slides for j in joints)
+        ):
+            raise ValueError("a moment of a body that is not the only one, and turns")
         if not 0 < len(joints) == len(bodies) <= MOST_JOINTS:
             raise ValueError("no joints, too many, or another number of bodies")
         if ends is not None and not (len(ends) == 2 and 0.0 < ends[0] < ends[1]):
@@ -148,6 +155,10 @@ def _joint(part: Mapping[str, Any], place: int) -> ArmJoint:
     stiffness = float(finite_numbers(part["stiffness"], 0))
     if not (low < high and stiffness > 0.0):
         raise ValueError("a joint without room or spring")
+    rotation = finite_numbers(part["rotation"], 2)
+    lengths = rotation @ rotation.T - np.eye(3), np.linalg.norm(finite_numbers(part["axis"], 1)) - 1.0
+    if any(np.abs(one).max() > TURNS for one in lengths):
+        raise ValueError("a frame that is no rotation, or an axis that is not of length 1")
     return ArmJoint(
         parent,
         slides,

@@ -1,7 +1,7 @@
 """Bound in ball arithmetic, at every pose of an arm, how the torques of gravity change with the pose.
 
-Of a body behind turning joints i and j, i the one nearer to the base, ∂²U/∂qᵢ∂qⱼ = m (g × ωᵢ)·(ωⱼ × r), r from joint j
-to the centre of mass: at most m |g × ωᵢ| |r|. Where j slides, ωⱼ × r is its axis; where i slides it is zero
+Of a body behind turning joints i and j, i the one nearer to the base, |∂²U/∂qᵢ∂qⱼ| = m |(g × ωᵢ)·(ωⱼ × r)|, r from
+joint j to the centre of mass: at most m |g × ωᵢ| |r|. Where j slides, ωⱼ × r is its axis; where i slides it is zero
 (docs/theorem.md).
 """
 

@@ -68,7 +68,7 @@ def file_errors(setup: WorkspaceSetup) -> StatedErrors:
     else:
         slope, poses = WIDER * _sampled_slope(setup), POSES
     slope, damping = _rounded_up(slope), _rounded_up(_damping(setup))
-    alone = len(setup.joints) == 1 and slope > 0.0
+    alone = len(setup.joints) == 1 and slope > 0.0 and not poses  # large motions leave what was sampled
     errors = stated.errors._replace(slope=Sector(slope, slope), damping=damping, any_motion=alone)
     others = tuple(name for name in stated.others if name not in (DAMPING, "gravity"))
     return stated._replace(errors=errors, slope_poses=poses, others=others)
