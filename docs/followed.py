@@ -62,7 +62,8 @@ FOLLOWED = {
     "a sample of a campaign": (
         Step("campaign/draws.py", "Tolerances.samples", "numbers by seed and index"),
         Step("campaign/batches.py", "rows_of", "a robot, its run, a row"),
-        Step("campaign/batches.py", "run_batch", "with others, anywhere"),
+        Step("campaign/batches.py", "run_batches", "with others, anywhere"),
+        Step("campaign/driver.py", "_run_in_turn", "each in its turn"),
         Step("campaign/driver.py", "in_this_process", "with its batch", "Rows"),
         Step("campaign/journal.py", "Journal.write", "a row on disk"),
         Step("campaign/driver.py", "_written", "while others run"),
