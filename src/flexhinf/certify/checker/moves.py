@@ -38,7 +38,8 @@ from flexhinf.certify.checker.arm import (
     polynomial,
 )
 from flexhinf.certify.checker.pair_claim import PairClaim, finite_numbers, refused_as_damaged
-from flexhinf.certify.checker.pairs import BITS
+from flexhinf.certify.checker.pair_flow import free_flow
+from flexhinf.certify.checker.pairs import BITS, sampled
 from flexhinf.certify.checker.taylor_matrix import (
     NO_ENCLOSURE,
     TERMS,
@@ -109,7 +110,7 @@ def moves_claim(numbers: Mapping[str, Any], loop: PairClaim, arm: ArmClaim | Non
         change, poles = float(finite_numbers(numbers["change"], 0)), finite_numbers(numbers["poles"], 1)
         constant, turnings = finite_numbers(numbers["constant"], 1), numbers["turnings"]
         falling, rising = (finite_numbers(numbers[name], 2) for name in ("falling", "rising"))
-        n = _states(loop)
+        n = loop.exact.states
         size = n * (n + 1) // 2
         if constant.shape != (size,) or not (len(poles), size) == falling.shape == rising.shape:
             raise ValueError("a storage has other shapes")
@@ -137,18 +138,13 @@ def moves_claim(numbers: Mapping[str, Any], loop: PairClaim, arm: ArmClaim | Non
     return MovesClaim(loop, change, poles, whole(constant), whole(falling), whole(rising), arm, tuple(speeds))
 
 
-def _states(loop: PairClaim) -> int:
-    """n, of the loop of a pair without errors."""
-    return 6 + loop.latency + 4 * (loop.seen is not None)
-
-
 def check_moves(claim: MovesClaim) -> CheckedMoves | str:
     """What is proved, or the name of what is not."""
     with ctx.workprec(BITS):
         try:
             return _checked(claim)
-        except (ZeroDivisionError, OverflowError, ValueError, np.linalg.LinAlgError):
-            return "a storage function"  # an enclosure does not exist
+        except NO_ENCLOSURE:
+            return "a storage function"
 
 
 def _checked(claim: MovesClaim) -> CheckedMoves | str:
@@ -247,67 +243,10 @@ def _bernstein(matrix: TaylorMatrix) -> Iterator[arb_mat]:
 
 
 def _loop(claim: PairClaim, centre: arb, half: arb) -> TaylorMatrix:
-    """A (n, n) of (z, z′, s, s′), the filter's prediction of these, the integral, the last position and the inputs that
-    wait, in periods, by the formulas of `flexhinf.modal.popov`; λ = centre + half·u."""
-    h, n, observed = arb(claim.period), _states(claim), claim.seen is not None
-    flow = _flow(claim, centre, half)
-    unit = TaylorMatrix.of(np.eye(n).tolist())
-    state, memory = unit.rows(0, 4), 4 + 4 * observed
-    # (z, z′, w, w′) in seconds, of (z, z′, s, s′) in periods.
-    plain = TaylorMatrix.of([[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]])
-    estimate = state if claim.seen is None else _estimate(claim, unit, plain, centre, half)
-    exact = claim.seen is None or [1.0, 0.0, 0.0, 0.0] in claim.seen.tolist()
-    position = (state if exact else estimate).rows(0, 1)
-    before, last = unit.rows(memory, memory + 1), unit.rows(memory + 1, memory + 2)
-    integral, ahead = before + (last + position).times(arb(0.5)), estimate
-    waiting = [unit.rows(k, k + 1) for k in range(memory + 2, n)]
-    for one in waiting:
-        ahead = flow @ TaylorMatrix.stacked([[ahead], [one]])
-
-    def poles(link: arb_series) -> list[arb_series]:
-        return [arb(p) / (link + arb(p)) for p in claim.poles.tolist()] + [arb_series([1])]
-
-    gains = taylor_row(poles, centre, half) @ TaylorMatrix.of(claim.coefficients[:5].T.tolist())
-    force = -(gains.columns(0, 4) @ plain @ ahead + gains.columns(4, 5).times(h) @ integral)
-    queue = [*waiting, force]
-    moved = [flow @ TaylorMatrix.stacked([[part], [queue[0]]]) for part in (state, estimate)]
-    return TaylorMatrix.stacked([[part] for part in (*moved[: 1 + observed], integral, position, *queue[1:])])
-
-
-def _flow(claim: PairClaim, centre: arb, half: arb) -> TaylorMatrix:
-    """(z, z′, s, s′) after a period, (4, 5), by these and the input."""
-    h, zero = arb(claim.period), arb(0)
-    beta, (kappa, nu, b) = (
-        arb(claim.damping) * h,
-        (arb(number) * h**2 for number in (claim.motor, claim.holding, claim.input)),
-    )
-    still = [[0, 1, 0, 0, 0], [0] * 5, [0, 0, 0, 1, 0], [-nu, -beta, -kappa - nu, -beta, b], [0] * 5]
-    felt = np.zeros((5, 5), dtype=int)
-    felt[[1, 3], 2] = 1, -1
-    first, second = (arb_mat([[zero + x for x in row] for row in rows]) for rows in (still, felt.tolist()))
-    model = TaylorMatrix({(0, 0): first + second * (h**2 * centre), (1, 0): second * (h**2 * half)})
-    return model.exponential().rows(0, 4)
-
-
-def _estimate(
-    claim: PairClaim, unit: TaylorMatrix, plain: TaylorMatrix, centre: arb, half: arb
-) -> TaylorMatrix:
-    """The filter's estimate of (z, z′, s, s′), by the states of the loop."""
-    assert claim.seen is not None
-    assert claim.table is not None
-    assert claim.filter_range is not None
-    h, table, (low, high) = arb(claim.period), claim.table, map(arb, claim.filter_range)
-
-    def cosines(link: arb_series) -> list[arb_series]:
-        angle = ((2 * link.log() - (low + high)) / (high - low)).acos()
-        return [(k * angle).cos() for k in range(len(table))]
-
-    series = taylor_row(cosines, centre, half) @ TaylorMatrix.of(table.tolist())
-    m = len(claim.seen)
-    gain = TaylorMatrix.stacked([[series.columns(i * m, (i + 1) * m)] for i in range(4)])
-    back = TaylorMatrix.of([[1, 0, 0, 0], [0, h, 0, 0], [-1, 0, 1, 0], [0, -h, 0, h]])
-    state, predicted = unit.rows(0, 4), unit.rows(4, 8)
-    return predicted + back @ gain @ TaylorMatrix.of(claim.seen.tolist()) @ plain @ (state - predicted)
+    """A (n, n) of the loop of a pair without errors; λ = centre + half·u."""
+    flow = free_flow(claim, centre, half)
+    acting, memory = sampled(claim.exact, centre, half, flow)
+    return TaylorMatrix.stacked([[flow @ acting], [memory]])
 
 
 def turning_boxes(arm: ArmClaim | None, turning: Turning) -> int | None:

@@ -70,6 +70,12 @@ class PairClaim(NamedTuple):
     storages: list[np.ndarray]  # (N, k, 2, n, n), P at these θ, at both ends of the interval
 
     @property
+    def exact(self) -> PairClaim:
+        """The law and the loop without errors, rate and unknown delay."""
+        errors = dict.fromkeys((*ERRORS, "spring_damping", "multiplier", "rate", "delay"), 0.0)
+        return self._replace(**errors, filters=np.zeros((0, 3)))
+
+    @property
     def states(self) -> int:
         """n, of the loop of a pair, and what errors add."""
         return 6 + (self.delay > 0.0) + self.latency + 4 * (self.seen is not None) + self.added

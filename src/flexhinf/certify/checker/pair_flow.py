@@ -23,7 +23,6 @@ class Flow(NamedTuple):
 
     hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f), what errors add, and its costate
     shift: TaylorMatrix  # S, which is added to V
-    free: TaylorMatrix  # M of (z, z′, s, s′, f), without errors and rate
 
 
 class Form(NamedTuple):
@@ -139,9 +138,7 @@ def pair_flow(claim: PairClaim, centre: arb, half: arb) -> Flow:
 
     def grown(parts: list[np.ndarray]) -> TaylorMatrix:
         """A constant, a factor of λh² and one of its square."""
-        first, second, third = (
-            arb_mat([[arb(0) + entry for entry in row] for row in part.tolist()]) for part in parts
-        )
+        first, second, third = map(_entries, parts)
         terms = {
             (0, 0): first + second * middle + third * middle**2,
             (1, 0): (second + third * (2 * middle)) * wide,
@@ -158,13 +155,18 @@ def pair_flow(claim: PairClaim, centre: arb, half: arb) -> Flow:
 
         lift = arb_mat(forms.lift.tolist())
         shift += taylor_row(reciprocal, centre, half).each(lambda part: lift * part[0, 0])
-    exact = claim._replace(
-        **dict.fromkeys(("lower", "upper", "softer", "stiffer", "falling", "holding_up", "rate"), 0.0),
-        spring_damping=0.0,
-        multiplier=0.0,
-        filters=np.zeros((0, 3)),
-    )
-    return Flow(hamiltonian, shift, grown(PairForms(exact).moved))
+    return Flow(hamiltonian, shift)
+
+
+def free_flow(claim: PairClaim, centre: arb, half: arb) -> TaylorMatrix:
+    """(z, z′, s, s′) after a period by these and the input, (4, 5), without errors; λ = centre + half·u, in 1/s²."""
+    h, (first, second, _) = arb(claim.period), map(_entries, PairForms(claim.exact).moved)
+    terms = {(0, 0): first + second * (h**2 * centre), (1, 0): second * (h**2 * half)}
+    return TaylorMatrix(terms).exponential().rows(0, 4)
+
+
+def _entries(part: np.ndarray) -> arb_mat:
+    return arb_mat([[arb(0) + entry for entry in row] for row in part.tolist()])
 
 
 def _balls(*numbers: float) -> tuple[arb, arb, arb, arb]:

@@ -24,7 +24,7 @@ from flint import arb, arb_mat, arb_series, ctx
 
 from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
 from flexhinf.certify.checker.pair_claim import PairClaim
-from flexhinf.certify.checker.pair_flow import pair_flow
+from flexhinf.certify.checker.pair_flow import free_flow, pair_flow
 from flexhinf.certify.checker.taylor_matrix import (
     NO_ENCLOSURE,
     TaylorMatrix,
@@ -201,7 +201,7 @@ def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb
     end = shift @ y + d
     inverse = end.inverse()
     w, q = y @ inverse, inverse @ (end @ shift - shift @ x - c)
-    acting, memory = _sampled(claim, centre, half, one.free.exponential().rows(0, 4))
+    acting, memory = sampled(claim, centre, half, free_flow(claim, centre, half))
     # Rows of the flow's states that the worst moves, and where the loop has these.
     places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.added
     places[range(4), range(4)] = 1
@@ -233,7 +233,7 @@ def regular_at_first(claim: PairClaim) -> bool:
     return True
 
 
-def _sampled(
+def sampled(
     claim: PairClaim, centre: arb, half: arb, flow: TaylorMatrix
 ) -> tuple[TaylorMatrix, TaylorMatrix]:
     """(z, z′, s, s′), the acting inputs and what errors add, and the memory after a period, by the states of the
