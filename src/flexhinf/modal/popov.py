@@ -398,11 +398,9 @@ class PairStorages:
     def at(self, link: float, room: float, late: float = 0.0) -> np.ndarray | None:
         """P (n, n) for a θ, its room a share of the distance of the slowest mode from the unit circle; None where there
         is none."""
-        wide = self._widened(link, room, late)
-        if wide is None:
-            return None
-        loop = self.pairs.late_by(late)
-        return storage(wide, worst_period(loop, link, self.errors, self.multipliers, self.rate))
+        worst, loop = self._period(link, late)
+        wide = self._widened(worst, loop, room)
+        return None if wide is None else storage(wide, worst)
 
     def lifted(self, count: int = 12) -> PairStorages:
         """The same with numbers c that make P positive at `count` λ where some do."""
@@ -410,9 +408,10 @@ class PairStorages:
         if not filters and not self._waiting:
             return self
         found: list[tuple[np.ndarray, np.ndarray]] = []
-        for link in map(float, self.pairs.gains.links(count, np.inf)):
-            for room, loop in product(LIFTED, self.pairs.some_late):
-                wide = self._widened(link, room, loop.late)
+        for link, late in product(self.pairs.gains.links(count, np.inf).tolist(), self.pairs.some_late):
+            worst, loop = self._period(link, late.late)
+            for room in LIFTED:
+                wide = self._widened(worst, loop, room)
                 if wide is not None and (solutions := _solutions(wide)) is not None:
                     sizes = [link * self.pairs.gains.period**2] * len(filters) + [1.0] * self._waiting
                     found.append(self._by_themselves(solutions[0], np.sqrt(sizes)))
@@ -449,13 +448,17 @@ class PairStorages:
         alone = part - beside.T @ np.linalg.solve(p[np.ix_(others, others)], beside)
         return alone * np.outer(units, units), np.diag(part) * units**2
 
-    def _widened(self, link: float, room: float, late: float) -> WorstPeriod | None:
-        """A worst period that is worse by a room; None where no P exists."""
+    def _period(self, link: float, late: float) -> tuple[WorstPeriod, np.ndarray]:
+        """The worst period, and A (n, n) without errors: the other one holds an error that the multiplier chooses, and
+        need not be stable."""
         pairs = self.pairs.late_by(late)
-        a, q, w = worst_period(pairs, link, self.errors, self.multipliers, self.rate)
-        own = len(a) - self._waiting
-        # A holds an error that the multiplier chooses, and need not be stable; the loop without errors is.
-        loop = worst_period(pairs, link, NONE, self.multipliers.without_gain, self.rate).a
+        worst = worst_period(pairs, link, self.errors, self.multipliers, self.rate)
+        return worst, worst_period(pairs, link, NONE, self.multipliers.without_gain, self.rate).a
+
+    def _widened(self, worst: WorstPeriod, loop: np.ndarray, room: float) -> WorstPeriod | None:
+        """A worst period that is worse by a room; None where no P exists."""
+        a, q, w = worst
+        own = len(loop)
         far = 1.0 - float(np.abs(np.linalg.eigvals(loop)).max())
         if far <= 0.0:
             return None
