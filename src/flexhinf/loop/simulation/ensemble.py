@@ -268,9 +268,13 @@ class Ensemble:
         return Recorded(codes, steps, np.zeros(memories), np.zeros(kept), doubtful)
 
     def _in_lanes(
-        self, plants: EnsemblePlants, lanes: int, threads: int, recorded: Recorded,
+        self,
+        plants: EnsemblePlants,
+        lanes: int,
+        threads: int,
+        recorded: Recorded,
         disturbances: Disturbances | None = None,
-    ) -> Recorded:  # fmt: skip
+    ) -> Recorded:
         for rows, number, data in self._arrays(plants, disturbances):
             kernel = self.kernel(number, lanes)
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
