@@ -20,6 +20,18 @@ UNCERTAIN_ARM = "gravity = 0.0\n" + ARM.replace(
     "stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}"
 ).replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
 
+#: A design of the paper's arm as far as a campaign needs it.
+DESIGN = """
+[design]
+robot = "paper"
+estimator = "ekf"
+measurement_noise = 1e-8
+overshoot = 30.0
+[result]
+duration = 0.5
+specification = []
+"""
+
 #: Options of a design of one pose that is made soon: without a region, other robots and the rigid design.
 QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0", "--set", "compare_rigid=no"]
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from tests.builders import arm_controller, report_numbers
+from tests.cli.conftest import DESIGN
 from tests.design.test_campaign_metrics import check_by_signals
 from tests.refusals import unnamed
 
@@ -36,16 +37,6 @@ pytest.importorskip("pyarrow")
 # Some twenty loops of 40 short runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-DESIGN = """
-[design]
-robot = "paper"
-estimator = "ekf"
-measurement_noise = 1e-8
-overshoot = 30.0
-[result]
-duration = 0.5
-specification = []
-"""
 WORDS = ["campaign", "design/design.toml", "--samples", "40", "--batch", "16", "--out", "runs"]
 
 

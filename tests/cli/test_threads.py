@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.builders import arm_controller, report_numbers
+from tests.cli.conftest import DESIGN
 from tests.logs import arm_log, write_log
 
 import flexhinf as fh
@@ -18,17 +19,7 @@ pytest.importorskip("pyarrow")
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-#: A design of the paper's arm as far as a campaign needs it, and one whose region is proved in thousands of cells.
-JUDGED = """
-[design]
-robot = "paper"
-estimator = "ekf"
-measurement_noise = 1e-8
-overshoot = 30.0
-[result]
-duration = 0.5
-specification = []
-"""
+#: A design whose region is proved in thousands of cells.
 CERTIFIED = """
 [design]
 robot = "paper"
@@ -51,7 +42,7 @@ def judged_designs(folder: Path) -> None:
         arm_controller(kind=fh.ExtendedKalmanFilter, q=q, r=1e-8, p0=1e-6, start="bumpless").save(
             folder / "law"
         )
-        files = {"design.toml": JUDGED, "design.json": report_numbers()}
+        files = {"design.toml": DESIGN, "design.json": report_numbers()}
         report.write(folder / name, {**files, "controller": (folder / "law").read_bytes()})
 
 
