@@ -110,7 +110,7 @@ WHOLE_WORDS = (
 
 #: What is replaced by a stop.
 WORK = (
-    (flexhinf, "design"), (flexhinf, "compare"), (flexhinf.paper, "reproduce"),
+    (import_module("flexhinf.design"), "design_with"), (flexhinf, "compare"), (flexhinf.paper, "reproduce"),
     (import_module("flexhinf.design.certification"), "certify_design"),
     (import_module("flexhinf.design.workspace.proof"), "prove_workspace"),
     (flexhinf, "filter_log"), (flexhinf, "identify"),
