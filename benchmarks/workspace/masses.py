@@ -3,7 +3,7 @@
 The law is the one that a design tries first, with the true state and one sample of latency. All errors are those of the
 inverse inertia matrix of the links, in the coordinates of its square root and over all vibrations, so that the columns
 can be compared: without Popov's multiplier (small gain), with it, proved, and found to destabilise. A second row has
-errors of the stiffness, and what is shown of the file's robots at every pose.
+the same of the stiffness alone, and what is shown of the file's robots at every pose.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from flexhinf.design import Specification
 from flexhinf.design.workspace.everywhere import everywhere
 from flexhinf.design.workspace.masses import stated_errors
 from flexhinf.design.workspace.pair_proof import largest_certificate
-from flexhinf.design.workspace.proof import REPORTED
+from flexhinf.design.workspace.proof import proved_errors
 from flexhinf.design.workspace.search import BANDWIDTHS, RANDOM, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
-from flexhinf.modal.multipliers import popov_tolerance, small_gain_tolerance
+from flexhinf.modal.multipliers import small_gain_tolerance
 from flexhinf.modal.popov import EXACT, SYMMETRIC, Errors, Sector
 from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.modal.unstable import smallest_unstable
@@ -52,50 +52,46 @@ def pairs_of(robot: Robot) -> tuple[ModalLaw, SampledPairs]:
 def row(robot: Robot) -> dict[str, Any]:
     """Errors as shares, and CPU seconds of the search and of the check."""
     law, pairs = pairs_of(robot)
+    small_gain = small_gain_tolerance(pairs).masses.lower
+    setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
+    stated = stated_errors(setup)
+    others = {"stated": [*stated.errors.masses], "poses": stated.poses}
+    return {"small_gain": small_gain, **_limits(robot, pairs, SYMMETRIC), **others}
+
+
+def _limits(robot: Robot, pairs: SampledPairs, shape: Errors) -> dict[str, Any]:
+    """How large errors of a shape are that a grid tolerates, that are proved, and that are found to destabilise."""
     begun = time.process_time()
-    tolerance, numbers = largest_certificate(pairs, SYMMETRIC, lambda text: None)
+    tolerance, numbers = largest_certificate(pairs, shape, lambda text: None)
     searched = time.process_time()
     checked = None if numbers is None else check_pairs(pair_claim(numbers))
     done = time.process_time()
     proved = checked if isinstance(checked, CheckedPairs) else None
-    found = smallest_unstable(pairs, len(robot.joint_names) > 1)
-    setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
-    stated = stated_errors(setup)
+    found = smallest_unstable(pairs, len(robot.joint_names) > 1, of_springs=shape.of_springs_alone)
     return {
-        "small_gain": small_gain_tolerance(pairs).masses.lower,
-        "grid": tolerance.errors.masses.lower,
-        "proved": None if proved is None else proved.lower,
+        "grid": tolerance.errors.largest,
+        "proved": None if proved is None else proved_errors(proved).largest,
         "intervals": None if proved is None else proved.intervals,
         "rate": None if proved is None else proved.rate,
         "found": found.size,
         "rates": np.sqrt(found.links).tolist(),
         "radius": found.radius,
-        "stated": [*stated.errors.masses],
-        "poses": stated.poses,
         "search": searched - begun,
         "check": done - searched,
     }
 
 
 def springs_row(robot: Robot) -> dict[str, Any]:
-    """Errors of the stiffness alone, as shares: tolerated by a grid, and found to destabilise; and the file's masses at
-    every pose."""
+    """The same of errors of the stiffness alone; and the file's masses at every pose."""
     law, pairs = pairs_of(robot)
-    begun = time.process_time()
-    tolerance = popov_tolerance(pairs, Errors(EXACT, Sector(1.0, 1.0)), REPORTED)
-    found = smallest_unstable(pairs, len(robot.joint_names) > 1, of_springs=True)
-    searched = time.process_time()
     setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
     everywhere_found = everywhere(setup, Sector(0.9, 9.0), pairs.gains.ends)
-    return {
-        "grid": tolerance.errors.springs.lower,
-        "found": found.size,
-        "rates": np.sqrt(found.links).tolist(),
-        "radius": found.radius,
-        "everywhere": None if everywhere_found is None else everywhere_found.checked._asdict(),
-        "search": searched - begun,
-        "check": time.process_time() - searched,
-    }
+    arm = None if everywhere_found is None else everywhere_found.checked._asdict()
+    return {**_limits(robot, pairs, Errors(EXACT, Sector(1.0, 1.0))), "everywhere": arm}
+
+
+def _cost(row: dict[str, Any]) -> str:
+    return f"{row['search']:.0f} s, check {row['check']:.0f} s"
 
 
 def table(folder: Path) -> str:
@@ -107,7 +103,8 @@ def table(folder: Path) -> str:
         "found, with the pole",
         "proved / found",
         "the file needs",
-        "springs: grid, found",
+        "CPU",
+        "springs: proved, found, ratio",
         "CPU",
     )
     lines = [f"| robot | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
@@ -117,9 +114,12 @@ def table(folder: Path) -> str:
             at = " and ".join(f"{rate:.0f}" for rate in one["rates"])
             needs = ", ".join(f"{sign}{100 * size:.1f}" for sign, size in zip("−+", one["stated"]))
             where = f"{one['poses']} sampled poses" if one["poses"] else "by the form of M"
-            springs = "not measured"
+            springs = "not measured | –"
             if (other := kept(folder, f"{robot}.springs")) is not None:
-                springs = f"{100 * other['grid']:.0f} %, {100 * other['found']:.0f} %"
+                stiffness, size = other["proved"] or 0.0, other["found"]
+                springs = (
+                    f"{100 * stiffness:.0f} %, {100 * size:.0f} %, {stiffness / size:.2f} | {_cost(other)}"
+                )
                 if (arm := other["everywhere"]) is not None:
                     needs = ", ".join(
                         f"{sign}{at_most(100.0 * arm[end], 3)}" for sign, end in zip("−+", ("lower", "upper"))
@@ -128,7 +128,7 @@ def table(folder: Path) -> str:
             lines.append(
                 f"| {robot} | {100 * one['small_gain']:.2g} % | {100 * one['grid']:.0f} % | {100 * proved:.0f} % | "
                 f"{100 * one['found']:.0f} % at {at} rad/s, {one['radius']:.6f} | {proved / one['found']:.2f} | "
-                f"{needs} % ({where}) | {springs} | {one['search']:.0f} s, check {one['check']:.0f} s |"
+                f"{needs} % ({where}) | {_cost(one)} | {springs} |"
             )
     return "\n".join(lines)
 

@@ -78,6 +78,18 @@ def falling(pairs):
 
 
 @pytest.fixture(scope="module")
+def springy(pairs):
+    """The same at some λ, of springs alone, with half of τ by a filter."""
+    some = replace(pairs, gains=replace(pairs.gains, ends=SOME))
+    tolerance = popov_tolerance(some, Errors(EXACT, Sector(1.0, 1.0)))
+    half, vibration, pole = 0.5 * tolerance.multipliers.masses, PERIOD**2 * SOME[0], 0.3
+    multipliers = Multipliers(half, filters=(FilterWeights(pole, 0.5 * half * (vibration + pole**2)),))
+    size = Sector(*(0.95 * part for part in tolerance.errors.springs))
+    storages = PairStorages(some, Errors(EXACT, size), multipliers, 0.0).lifted()
+    return tolerance, pair_certificate(storages, lambda done: None)
+
+
+@pytest.fixture(scope="module")
 def filtered():
     """The same of seven links at some λ, by multipliers with a filter, which all of its λ need."""
     _, loop = masses.pairs_of(ROBOTS["seven-link"].robot())
@@ -89,15 +101,16 @@ def filtered():
 
 
 @pytest.mark.ci("searches and checks two proofs, which all tests here read")
-def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung, falling, filtered):
+def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung, falling, filtered, springy):
     assert filtered[0].multipliers.filters
     for (tolerance, numbers), size, (low, high) in (
         (found, 0.5, ENDS),
         (sprung, 0.2, SOME),
         (falling, 0.3, SOME),
         (filtered, 0.5, SOME),
+        (springy, 0.5, SOME),
     ):
-        assert size < tolerance.errors.masses.lower < 1.0
+        assert size < (tolerance.errors.masses.lower or tolerance.errors.springs.lower) < 1.0
         checked = check_pairs(pair_claim(json.loads(json.dumps(numbers))))
         assert isinstance(checked, CheckedPairs)
         assert checked.low <= low < high <= checked.high
@@ -108,7 +121,13 @@ def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung,
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    ("springs", "slope", "damping", "any_motion", "filters"),
+    (
+        "springs",
+        "slope",
+        "damping",
+        "any_motion",
+        "filters",
+    ),  # with masses but where springs alone have errors
     [
         (EXACT, EXACT, 0.0, False, ()),
         (Sector(0.2, 0.3), EXACT, 0.0, False, ()),
@@ -121,6 +140,7 @@ def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found, sprung,
             (FilterWeights(0.3, -4.0, 0.6), FilterWeights(0.05, 2.0)),
         ),
         (Sector(0.2, 0.3), Sector(0.1, 0.05), 0.002, True, (FilterWeights(0.3, -4.0, 0.6),)),
+        (Sector(0.2, 0.3), None, 0.0, False, (FilterWeights(0.3, -4.0, 0.6), FilterWeights(0.05, 2.0))),
     ],
 )
 @pytest.mark.parametrize(("latency", "watched"), [(0, None), (2, None), (1, [0, 2]), (1, [2])])
@@ -133,13 +153,17 @@ def test_search_and_checker_compute_the_same_game(
     ends = (np.log(ENDS[0]) - 1.0, np.log(ENDS[1]) + 1.0)
     filter: Any = None if seen is None else SimpleNamespace(pair=(seen, table, ends))
     loop, link = SampledPairs(pairs.gains, latency, filter), 150.0**2
-    errors = Errors(Sector(0.3, 0.5), springs, slope, damping, any_motion)
-    weights = ChannelWeights(0.3, 0.1, 0.5, 0.7), ChannelWeights(0.2, 0.3, 0.4, 0.1)
+    alone = slope is None
+    errors = (
+        Errors(EXACT, springs) if alone else Errors(Sector(0.3, 0.5), springs, slope, damping, any_motion)
+    )
+    of_springs = ChannelWeights() if alone else ChannelWeights(0.3, 0.1, 0.5, 0.7)
+    weights = of_springs, ChannelWeights(0.2, 0.3, 0.4, 0.1)
     weights = *weights, ChannelWeights(0.0, 0.4, 0.6 if damping else 0.0, 0.2)
     multipliers = Multipliers(20.0, *weights, filters)
     rate = 0.0 if any_motion else 0.4
     storages = PairStorages(loop, errors, multipliers, rate)
-    n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + sum(errors.channels)
+    n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + sum(errors.states(multipliers))
     parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
     claim = pair_claim(claim_numbers(storages, parts))
     with checker._balls():
@@ -179,10 +203,17 @@ def mixed_radius(pairs, links, error, springs: Any = 0.0, slope: Any = 0.0):
 
 @pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.oracle
-def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found, sprung, falling):
+def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(
+    pairs, found, sprung, falling, springy
+):
     """By a second route to the loop of mixed pairs, which also confirms what the search of unstable ones says."""
     rng = np.random.default_rng(0)
-    for numbers, ends in [(found[1], ENDS)] * 60 + [(sprung[1], SOME)] * 60 + [(falling[1], SOME)] * 60:
+    for numbers, ends in (
+        [(found[1], ENDS)] * 60
+        + [(sprung[1], SOME)] * 60
+        + [(falling[1], SOME)] * 60
+        + [(springy[1], SOME)] * 60
+    ):
         links = np.exp(rng.uniform(*np.log(ends), 3))
         masses, springs, slope = (
             turn @ np.diag(size * rng.choice([-1.0, 1.0], 3) * rng.choice([1.0, 0.5], 3)) @ turn.T
@@ -225,9 +256,11 @@ def test_two_pairs_that_an_error_mixes_may_bear_less_than_one():
 def peak(numbers, link, pieces=6):
     """Largest eigenvalue of δ₁δ₂ AᴴA + ½(δ₂ − δ₁)(A + Aᴴ) + τ (R + Rᴴ) + Σ σ ((Fᴴ − F) A + h. c.) over frequencies, of
     the lifted response from d to a and to its rate, in `pieces` of a period, F of a filter. Below 1 the inequality
-    holds at λ, springs are exact. Of the file alone, by SciPy."""
-    h, root = numbers["period"], np.sqrt(link)
-    a, b, g = np.zeros((4, 4)), np.eye(4)[3] * numbers["input"], np.eye(4)[1] * root
+    holds at λ, springs are exact; or with e and s for d and a, masses are. Of the file alone, by SciPy."""
+    h, alone = numbers["period"], numbers["softer"] > 0.0
+    root = 1.0 if alone else np.sqrt(link)
+    a, b = np.zeros((4, 4)), np.eye(4)[3] * numbers["input"]
+    g = np.array([0.0, link, 0.0, -numbers["motor"] if alone else 0.0]) / root
     a[0, 1] = a[2, 3] = 1.0
     a[1, [0, 2]] = -link, link
     a[3, [0, 2, 3]] = numbers["motor"], -numbers["motor"], -numbers["damping"]
@@ -262,7 +295,8 @@ def peak(numbers, link, pieces=6):
     z = np.exp(1j * np.geomspace(1e-4, np.pi, 3000))[:, None, None]
     inner = np.linalg.solve(z * np.eye(n) - loop, np.broadcast_to(entry, (len(z), *entry.shape)))
     out, rate = (np.array(rows)[:, :5] @ acting @ inner + np.array(rows)[:, 5:] for rows in (outs, rates))
-    lower, upper, tau = numbers["lower"], numbers["upper"], numbers["multiplier"] * h
+    lower, upper = (numbers[name] for name in (("softer", "stiffer") if alone else ("lower", "upper")))
+    tau = numbers["multiplier"] * h
     half = 0.5 * (upper - lower) * out + tau * rate
     for pole, part, _ in numbers["filters"]:
         kept, added = np.exp(-pole / pieces), (1.0 - np.exp(-pole / pieces)) / pole
@@ -283,7 +317,7 @@ def peak(numbers, link, pieces=6):
 
 @pytest.mark.ci("reads two proofs that the other tests share")
 @pytest.mark.oracle
-def test_a_second_route_by_frequencies_finds_the_same_tolerance(found, filtered):
+def test_a_second_route_by_frequencies_finds_the_same_tolerance(found, filtered, springy):
     ends = masses.pairs_of(ROBOTS["seven-link"].robot())[1].gains.ends
     for (tolerance, numbers), links in (
         (found, np.geomspace(*ENDS, 12)),
@@ -293,17 +327,22 @@ def test_a_second_route_by_frequencies_finds_the_same_tolerance(found, filtered)
         lower, upper = tolerance.errors.masses
         beyond = {**numbers, "lower": 1.05 * lower, "upper": 1.05 * upper}
         assert max(peak(beyond, link) for link in links) > 1.0
+    links = np.geomspace(*SOME, 16)
+    assert max(peak(springy[1], link) for link in links) < 1.0
+    size = 1.05 * springy[0].errors.springs.lower
+    assert max(peak({**springy[1], "softer": size, "stiffer": size}, link) for link in links) > 1.0
     steady = {**numbers, "filters": []}  # one τ for all frequencies covers much less
-    assert max(peak(steady, link) for link in links) > 1.0
+    assert max(peak(steady, link) for link in np.geomspace(*ends, 16)) > 1.0
 
 
 @pytest.mark.ci("reads two proofs that the other tests share")
-def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung, falling):
+def test_a_sector_larger_than_the_tolerance_is_not_accepted(found, sprung, falling, springy):
     for (tolerance, numbers), kinds, factor in (
         (found, (0, 1), 1.3),
         (sprung, (0, 1), 1.3),
         (sprung, (2, 3), 1.3),
         (falling, (4, 5), 5.0),
+        (springy, (2, 3), 1.3),
     ):
         sizes = tolerance.errors.numbers
         larger = {**numbers, **{ERRORS[k]: min(0.99, factor * sizes[k]) for k in kinds}}
@@ -325,8 +364,9 @@ def forged(numbers, rng):
     file = copy.deepcopy(numbers)
     (one,) = file["intervals"]
     first, last = one["storages"]
-    kinds = ["sector", "rate", "law", "number", "entry", "sign", "scale", "range", "latency"]
-    kinds += ["springs", "multiplier", "weight"] * (file["softer"] > 0.0)
+    kinds = ["rate", "law", "number", "entry", "sign", "scale", "range", "latency"]
+    kinds += ["sector"] * (file["lower"] > 0.0) + ["springs"] * (file["softer"] > 0.0)
+    kinds += ["multiplier", "weight"] * (file["rate_weight"] > 0.0)
     kinds += ["slope"] * (file["falling"] > 0.0) + ["filter"] * bool(file["filters"])
     kind = str(rng.choice(kinds))
     factor = float(rng.choice([0.2, 0.4, 3.0, 10.0, 1e200]))
@@ -379,12 +419,16 @@ def damaged(numbers, rng):
     return file
 
 
+#: Kinds of forgeries of each certificate.
+FORGED = {"found": 9, "sprung": 12, "falling": 13, "filtered": 10, "springy": 10}
+
+
 @pytest.mark.parametrize(
     ("of", "count", "tried"),
     ci_and_night(
         "checks hundreds of files",
-        [("found", 9, 60), ("sprung", 12, 60), ("falling", 13, 60), ("filtered", 10, 60)],
-        [("found", 9, 200), ("sprung", 12, 200), ("falling", 13, 200), ("filtered", 10, 200)],
+        [(of, count, 60) for of, count in FORGED.items()],
+        [(of, count, 200) for of, count in FORGED.items()],
     ),
 )
 def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(of, count, tried, request):
@@ -395,6 +439,15 @@ def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(of, count, tri
         for exact in ({"softer": 0.0, "stiffer": 0.0}, {"rate_weight": 0.0}):
             with pytest.raises(InvalidInput, match="certificate"):
                 pair_claim({**kept, **exact})
+    if of == "springy":  # what has no error in it must have none
+        (one,) = kept["intervals"]
+        n = int(np.sqrt(2 * len(one["storages"][0])))
+        both = {"holding_up": "slope_rate_weight", "spring_damping": "damping_rate_weight"}
+        for name in ("upper", *both):  # beside which e is a state, as what has the other weight
+            more = [0.0] * n + [1.0] + ([0.0] * (n + 1) + [1.0]) * (name in both)
+            wider = [{**one, "storages": [p + more for p in one["storages"]]}]
+            with refused_with(InvalidInput, " rate_weight"):
+                pair_claim({**kept, name: 1e-4, both.get(name, "rate"): 1e-6, "intervals": wider})
     kinds = set()
     for _ in range(tried):
         kind, file = forged(kept, rng)
@@ -431,24 +484,28 @@ def test_symmetric_errors_may_be_larger_than_any(pairs, found):
 
 @pytest.mark.oracle
 @pytest.mark.ci("proves the laws of two robots")
-@pytest.mark.parametrize(("name", "watched"), [("scara", False), ("planar-two-link", True)])
-def test_certificates_of_robots_hold_by_a_second_route(name, watched):
+@pytest.mark.parametrize(
+    ("name", "watched", "kind"),
+    [("scara", False, "masses"), ("planar-two-link", True, "masses"), ("paper", False, "springs")],
+)
+def test_certificates_of_robots_hold_by_a_second_route(name, watched, kind):
     """By frequencies, of the numbers in the file alone; without an estimator the row of the docs is what is proved."""
     robot = ROBOTS[name].robot()
     law, loop = masses.pairs_of(robot)
     if watched:
         loop = sampled_pairs(WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0]))
-    tolerance, numbers = largest_certificate(loop, SYMMETRIC, lambda text: None)
+    shape, sides = (SYMMETRIC, ("lower", "upper"))
+    if kind == "springs":
+        shape, sides = Errors(EXACT, Sector(1.0, 1.0)), ("softer", "stiffer")
+    tolerance, numbers = largest_certificate(loop, shape, lambda text: None)
     assert numbers is not None
     assert (numbers["observer"] is not None) == watched
     numbers = json.loads(json.dumps(numbers))
     links = np.geomspace(*loop.gains.ends, 12)
     assert max(peak(numbers, link) for link in links) < 1.0
-    size = 1.05 * tolerance.errors.masses.lower
-    assert max(peak({**numbers, "lower": size, "upper": size}, link) for link in links) > 1.0
+    size = 1.05 * tolerance.share
+    assert max(peak({**numbers, **dict.fromkeys(sides, size)}, link) for link in links) > 1.0
     if not watched:
-        row = kept(ROWS, f"{name}.masses")
+        row = kept(ROWS, f"{name}.{kind}")
         assert row is not None
-        assert [row["grid"], row["proved"]] == pytest.approx(
-            [tolerance.errors.masses.lower, numbers["lower"]], rel=0.02
-        )
+        assert [row["grid"], row["proved"]] == pytest.approx([tolerance.share, numbers[sides[0]]], rel=0.02)

@@ -176,9 +176,10 @@ class _Place:
 def _starts(pairs: SampledPairs, shape: Errors, fixed: Errors) -> Iterator[_Place]:
     """Places from which a search begins."""
     errors = fixed.and_share(1.0, shape)
-    channels = errors.channels
+    alone = errors.of_springs_alone
+    channels = (False, False, False) if alone else errors.channels
     masses = shape.masses if max(shape.masses) > 0.0 else Sector(1.0, 1.0)
-    chosen = list(_of_masses(pairs, masses))
+    chosen = list(_of_masses_or_springs(pairs, shape.springs if alone else masses, alone))
     if not any(channels):
         for one in chosen:
             yield _Place.of(one, channels, ())
@@ -202,10 +203,10 @@ def _channel_starts(errors: Errors) -> Iterator[tuple[float, ...]]:
         yield tuple(one for part in parts for one in part)
 
 
-def _of_masses(pairs: SampledPairs, shape: Sector) -> Iterator[list[float]]:
-    """τ of slow vibrations, then pole and step of filters: by responses these cover errors of masses alone, without
-    filters and with as few as bring more."""
-    seen = _Responses(replace(pairs, delay=0.0, late=0.0), shape)
+def _of_masses_or_springs(pairs: SampledPairs, shape: Sector, of_springs: bool) -> Iterator[list[float]]:
+    """τ of slow vibrations, then pole and step of filters: by responses these cover errors of masses alone, or of
+    springs alone, without filters and with as few as bring more."""
+    seen = _Responses(replace(pairs, delay=0.0, late=0.0), shape, of_springs)
     best = 0.0
     for count in range(FILTERS + 1):
         tried = [(seen.largest(poles), poles) for poles in combinations(POLES, count)]
@@ -219,12 +220,13 @@ def _of_masses(pairs: SampledPairs, shape: Sector) -> Iterator[list[float]]:
 
 
 class _Responses:
-    """What pairs answer to errors of masses at frequencies; what samples mix of other frequencies is left out."""
+    """What pairs answer to errors of masses, or of springs, at frequencies; what samples mix of other frequencies is
+    left out."""
 
-    def __init__(self, pairs: SampledPairs, shape: Sector) -> None:
+    def __init__(self, pairs: SampledPairs, shape: Sector, of_springs: bool) -> None:
         self._shape = shape
         self._at, self._values = np.hstack(
-            [_response(pairs, link) for link in map(float, pairs.gains.links(LINKS, np.inf))]
+            [_response(pairs, link, of_springs) for link in map(float, pairs.gains.links(LINKS, np.inf))]
         )
 
     def largest(self, poles: Sequence[float]) -> float:
@@ -253,13 +255,16 @@ class _Responses:
         return [slow, *(one for pole, step in zip(poles, steps) for one in (10.0**pole, step))]
 
 
-def _response(pairs: SampledPairs, link: float) -> np.ndarray:
-    """Frequencies, rad a period, dense where the modes of a pair are, and what a is there for d of size one; (2, f)."""
-    model, (acting, memory) = pairs.model(link), pairs.memory(link)
-    flow, size = expm(model), np.sqrt(link) * pairs.gains.period
+def _response(pairs: SampledPairs, link: float, of_springs: bool) -> np.ndarray:
+    """Frequencies, rad a period, dense where the modes of a pair are, and what a is there for d of size one, or s for
+    e; (2, f)."""
+    model, (acting, memory), h = pairs.model(link), pairs.memory(link), pairs.gains.period
+    flow, pulls = expm(model), link * h**2
+    turns = pulls + pairs.gains.pair(link).motor * h**2 if of_springs else pulls
+    size = 1.0 if of_springs else np.sqrt(pulls)
     loop = np.vstack([(flow @ acting)[:4], memory])
     at = np.unique(np.r_[np.geomspace(1e-3, 2.0 * np.pi, FREQUENCIES), near_modes(np.linalg.eigvals(loop))])
-    entry, z = size * np.array([0.0, 1.0, 0.0, -1.0, 0.0]), np.exp(1j * at)
+    entry, z = np.array([0.0, pulls, 0.0, -turns, 0.0]) / size, np.exp(1j * at)
     inverse = np.linalg.inv(1j * at[:, None, None] * np.eye(5) - model)
     forced = inverse @ entry
     pushed = np.zeros((len(at), len(loop)), dtype=complex)

@@ -20,6 +20,7 @@ flow), M′ = M + λ ½(δ₂ − δ₁) g tᵀ + i nᵀ and n = ½(ε₂ − ε
     Q′ = λ ¼(δ₁ + δ₂)² t tᵀ + τ (r yᵀ + y rᵀ) + μ₂ (n nᵀ + ε₁ε₂ r rᵀ) + ρ (r iᵀ + i rᵀ)
         + μ₁ (ε₁ε₂ s sᵀ + ½(ε₂ − ε₁)(s iᵀ + i sᵀ) − i iᵀ).
 
+Springs alone need no state e: s and e stand for a and d, with g λ − (0, 0, 0, κ, 0) for √λ g and τ/(λ + κ) for τ.
 Gravity's slope adds p = Γ z, with −p in t, damped springs add b = B s′, and filters of the multiplier, which let τ
 depend on frequency, add a_f and d_f: docs/theorem.md has their terms. What has no error is left out. With the memory of
 the controller the loop is ξ⁺ = A ξ + v, and V_λ = ξᵀ P(λ) ξ proves stability with the rate α if P > 0 and
@@ -100,8 +101,20 @@ class Errors(NamedTuple):
 
     @property
     def channels(self) -> tuple[bool, bool, bool]:
-        """Whether springs have errors, gravity a slope, and springs damping: each adds a state to a pair."""
+        """Whether springs have errors, gravity a slope, and springs damping: beside masses each adds a state to a
+        pair."""
         return max(self.springs) > 0.0, max(self.slope) > 0.0, self.damping > 0.0
+
+    @property
+    def of_springs_alone(self) -> bool:
+        """Whether nothing else than springs has errors."""
+        return self.channels == (True, False, False) and self.masses == EXACT
+
+    def states(self, multipliers: Multipliers) -> tuple[bool, bool, bool]:
+        """Which of the channels are states; errors of springs alone, whose rate has no weight, are an input like those
+        of masses."""
+        springs, *others = self.channels
+        return springs and multipliers.springs.rate > 0.0, others[0], others[1]
 
     @property
     def names(self) -> str:
@@ -130,17 +143,18 @@ class ChannelWeights(NamedTuple):
 
 
 class FilterWeights(NamedTuple):
-    """The numbers of a filter 1/(s + p) through which errors of masses are seen too, in periods."""
+    """The numbers of a filter 1/(s + p) through which errors of masses, or of springs alone, are seen too, in
+    periods."""
 
     pole: float  # p
     multiplier: float  # σ: at the frequency ω τ is τ + 2σ/(ω² + p²)
-    lift: float = 0.0  # c, of d_f² in the unit of d
+    lift: float = 0.0  # c, of d_f² in the unit of d, or of e_f²
 
 
 class Multipliers(NamedTuple):
     """The numbers of an integral inequality, in periods."""
 
-    masses: float  # τ
+    masses: float  # τ; of e and r where springs alone have errors
     springs: ChannelWeights = ChannelWeights()
     slope: ChannelWeights = ChannelWeights()
     damping: ChannelWeights = ChannelWeights()
@@ -222,11 +236,12 @@ class _WorstErrors:
     ) -> None:
         """`rates`: λ, κ and α."""
         (size, kappa, alpha), tau, count = rates, multipliers.masses, 5 + 2 * len(multipliers.filters)
-        names = count + sum(errors.channels)
+        states = errors.states(multipliers)
+        names, alone = count + sum(states), errors.channels[0] and not states[0]
         unit, none = np.eye(names), np.zeros(names)
         z, push, s, turn = unit[:4]
         left = iter(unit[count:])
-        error, fall, damper = (next(left) if there else none for there in errors.channels)
+        error, fall, damper = (next(left) if there else none for there in states)
         own = np.pad(model, (0, names - 5))
         stretched = s + error + damper
         twist = stretched if errors.any_motion else stretched - fall
@@ -236,30 +251,35 @@ class _WorstErrors:
         if errors.any_motion:  # p is of all that moves the link, (1 + Δ) p, and drives s alone
             y, y_z = y + size * fall, none
             slope = Sector(*(part * (1.0 + errors.masses.upper) for part in slope))
-        a, push_turn = np.sqrt(size) * twist, push - turn
-        pushed = np.sqrt(size) * push_turn
+        # a and d of masses; or s and e of springs alone, where e is in ṙ with the factor λ + κ
+        sector, root, weight = (
+            (errors.springs, 1.0, tau / (size + kappa)) if alone else (errors.masses, np.sqrt(size), tau)
+        )
+        a, push_turn = root * twist, push - turn
+        pushed = size * push_turn - kappa * turn if alone else root * push_turn
         self.flow = own + alpha * np.diag([1.0] * 5 + [0.0] * (names - 5))
         self.flow += np.outer(push_turn, size * (error + damper - fall)) - np.outer(
             turn, kappa * (error + damper)
         )
-        self.gained = tau * _twice(r, y)
-        self.shift = tau * (np.outer(r, r) + np.outer(a, a) + kappa * np.outer(stretched, stretched))
-        mean = 0.5 * (errors.masses.upper - errors.masses.lower) * a
+        self.gained = weight * _twice(r, y)
+        held = size * np.outer(twist, twist) + kappa * np.outer(stretched, stretched)
+        self.shift = weight * (np.outer(r, r) + held)
+        mean = 0.5 * (sector.upper - sector.lower) * a
         for k, (pole, multiplier, lift) in enumerate(multipliers.filters):
             seen, answer = unit[5 + 2 * k : 7 + 2 * k]
             self.flow += np.outer(seen, twist - pole * seen) - pole * np.outer(answer, answer)
             self.gained += multiplier * _twice(answer, twist)
-            self.shift += lift / size * np.outer(answer, answer)
-            pushed = pushed + np.sqrt(size) * answer
-            mean = mean - multiplier * np.sqrt(size) * seen
+            self.shift += lift / root**2 * np.outer(answer, answer)
+            pushed = pushed + root * answer
+            mean = mean - multiplier * root * seen
         self.flow += np.outer(pushed, mean)
         self.entry = np.outer(pushed, pushed)
-        self.gained += np.outer(mean, mean) + errors.masses.lower * errors.masses.upper * np.outer(a, a)
-        if errors.channels[0]:
+        self.gained += np.outer(mean, mean) + sector.lower * sector.upper * np.outer(a, a)
+        if states[0]:
             self._add(error, s, r, tau * y, errors.springs, multipliers.springs)
-        if errors.channels[1]:
+        if states[1]:
             self._add(fall, z, o, tau * y_z, slope, multipliers.slope)
-        if errors.channels[2]:
+        if states[2]:
             self._damp(damper, turn, tau * (y - alpha * r), errors.damping, multipliers.damping)
 
     def _add(
@@ -413,7 +433,8 @@ class PairStorages:
             for room in LIFTED:
                 wide = self._widened(worst, loop, room)
                 if wide is not None and (solutions := _solutions(wide)) is not None:
-                    sizes = [link * self.pairs.gains.period**2] * len(filters) + [1.0] * self._waiting
+                    unit = 1.0 if self.errors.of_springs_alone else link * self.pairs.gains.period**2
+                    sizes = [unit] * len(filters) + [1.0] * self._waiting
                     found.append(self._by_themselves(solutions[0], np.sqrt(sizes)))
         if not found:
             return self
@@ -426,7 +447,7 @@ class PairStorages:
         others = iter(lifts[len(filters) :])
         springs, slope, damping = (
             weights._replace(lift=next(others)) if there else weights
-            for weights, there in zip((m.springs, m.slope, m.damping), self.errors.channels)
+            for weights, there in zip((m.springs, m.slope, m.damping), self._states)
         )
         raised = tuple(one._replace(lift=lift) for one, lift in zip(filters, lifts))
         return replace(self, multipliers=Multipliers(m.masses, springs, slope, damping, raised))
@@ -434,7 +455,11 @@ class PairStorages:
     @property
     def _waiting(self) -> int:
         """How many of the last states, e, p and b, neither decay nor grow by themselves."""
-        return sum(self.errors.channels)
+        return sum(self._states)
+
+    @property
+    def _states(self) -> tuple[bool, bool, bool]:
+        return self.errors.states(self.multipliers)
 
     def _by_themselves(self, p: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the states that are lifted, in some units: their part of P after the others are at their best, and its
@@ -467,7 +492,7 @@ class PairStorages:
         more, gained = 1.0 + MORE * room, q
         if self._waiting:  # Q is negative for e, p and b, and pays for what lets them grow
             weights = self.multipliers.springs, self.multipliers.slope, self.multipliers.damping
-            pays = [part.signal for part, there in zip(weights, self.errors.channels) if there]
+            pays = [part.signal for part, there in zip(weights, self._states) if there]
             weight[own:] = 2.0 * MORE * np.array(pays)
             far = min(far, *pays)
         elif not self.multipliers.filters:

@@ -22,6 +22,7 @@ SPRING_WEIGHTS = ["spring_multiplier", "twist_weight", "rate_weight", "lift"]
 SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift"]
 DAMPING_WEIGHTS = ["damping_weight", "damping_rate_weight", "damping_lift"]
 MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS, *DAMPING_WEIGHTS]
+BESIDE_SPRINGS = ["lower", "upper", "falling", "holding_up", "spring_damping"]
 SCALARS = [*LOOP, *ERRORS, "spring_damping", *MULTIPLIERS]
 
 #: Most intervals, states of a pair, terms of a filter's series, and filters of the multiplier in a file.
@@ -48,10 +49,10 @@ class PairClaim(NamedTuple):
     stiffer: float  # ε₂
     falling: float  # γ₁
     holding_up: float  # γ₂
-    multiplier: float  # τ, periods
+    multiplier: float  # τ, periods; of springs where they alone have errors
     spring_multiplier: float  # ρ, periods
     twist_weight: float  # μ₁, periods²
-    rate_weight: float  # μ₂
+    rate_weight: float  # μ₂; 0 where springs alone have errors
     lift: float  # c, periods
     slope_multiplier: float  # these four of the slope of gravity
     place_weight: float
@@ -82,14 +83,19 @@ class PairClaim(NamedTuple):
 
     @property
     def added(self) -> int:
-        """States that errors add: two of each filter, e where springs have errors, p where gravity has a slope, b where
-        springs are damped."""
+        """States that errors add: two of each filter, e where springs and others have errors, p where gravity has a
+        slope, b where springs are damped."""
         return 2 * len(self.filters) + self.with_springs + self.with_slope + self.with_damping
 
     @property
     def with_springs(self) -> bool:
-        """Whether springs have errors."""
-        return max(self.softer, self.stiffer) > 0.0
+        """Whether errors of springs are a state beside those of others."""
+        return max(self.softer, self.stiffer) > 0.0 and self.rate_weight > 0.0
+
+    @property
+    def springs_alone(self) -> bool:
+        """Whether springs have errors that are an input, as those of masses would be, which are exact."""
+        return max(self.softer, self.stiffer) > 0.0 and not self.rate_weight
 
     @property
     def with_slope(self) -> bool:
@@ -134,6 +140,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
                 raise ValueError("the observer has other shapes")
         poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
         springs = max(one["softer"], one["stiffer"]) > 0.0
+        alone = not any(one[name] for name in (*BESIDE_SPRINGS, "rate_weight"))
         slope = max(one["falling"], one["holding_up"]) > 0.0
         damped, any_motion = bool(one["spring_damping"] > 0.0), numbers["any_motion"]
         if not isinstance(any_motion, bool):
@@ -145,7 +152,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             + latency
             + 4 * (seen is not None)
             + 2 * len(filters)
-            + bool(springs)
+            + bool(springs and not alone)
             + bool(slope)
             + damped
         )
@@ -175,7 +182,10 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             ("falling", one["falling"] >= 0.0),
             ("holding_up", one["holding_up"] >= 0.0),
             ("twist_weight", one["twist_weight"] >= 0.0),
-            ("rate_weight", one["rate_weight"] > 0.0 or (one["rate_weight"] == 0.0 and not springs)),
+            (
+                "rate_weight",
+                one["rate_weight"] > 0.0 or (one["rate_weight"] == 0.0 and (alone or not springs)),
+            ),
             ("place_weight", one["place_weight"] >= 0.0),
             (
                 "slope_rate_weight",

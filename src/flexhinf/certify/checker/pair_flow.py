@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from flint import arb, arb_mat, arb_series
+from flint import arb, arb_mat
 
 from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
@@ -51,7 +51,9 @@ class PairForms:
         zero = np.full((self._size, self._size), arb(0), dtype=object)
         # M′, the entry of the worst, Q′ and S
         self.moved, self.entry, self.gained, self.shift = ([zero.copy() for _ in range(3)] for _ in range(4))
-        self.lift = zero.copy()  # and of S a factor of 1/(λh²)
+        # and of Q′ and S a factor of 1/(λh²), or of 1/(λh² + κh²) where springs alone have errors
+        self.shared_gained, self.shared_shift = zero.copy(), zero.copy()
+        self.offset = arb(claim.motor) * arb(claim.period) ** 2 if claim.springs_alone else arb(0)
         unit = np.eye(self._size, dtype=int).astype(object)
         others = iter(unit[5 + 2 * len(claim.filters) :])
         there = claim.with_springs, claim.with_slope, claim.with_damping
@@ -78,11 +80,16 @@ class PairForms:
         _add(self.moved[0], np.outer(turn, driven - kappa * stretched))
         _add(self.moved[0], alpha * np.diag([1] * 5 + [0] * (self._size - 5)).astype(object))
         _add(self.moved[1], np.outer(push - turn, stretched - fall))
-        for k, part in enumerate((driving, beside)):
-            _add(self.gained[k], tau * _twice(r, part))
-        _add(self.shift[0], tau * (np.outer(r, r) + kappa * np.outer(stretched, stretched)))
-        _add(self.shift[1], tau * np.outer(felt, felt))
-        self._masses(felt, push - turn)
+        if claim.springs_alone:  # e = −s + (y − ṙ)/(λ + κ)
+            _add(self.shared_gained, tau * _twice(r, driving))
+            _add(self.shared_shift, tau * np.outer(r, r))
+            _add(self.shift[0], tau * np.outer(twist, twist))
+        else:
+            for k, part in enumerate((driving, beside)):
+                _add(self.gained[k], tau * _twice(r, part))
+            _add(self.shift[0], tau * (np.outer(r, r) + kappa * np.outer(stretched, stretched)))
+            _add(self.shift[1], tau * np.outer(felt, felt))
+        self._input(felt, -kappa * turn if claim.springs_alone else none, push - turn)
         if claim.with_springs:
             sector = arb(claim.softer), arb(claim.stiffer)
             weights = claim.spring_multiplier, claim.twist_weight, claim.rate_weight, claim.lift
@@ -100,21 +107,26 @@ class PairForms:
             sector = arb(0), arb(claim.spring_damping) / h
             self._channel(Channel(damper, turn, none, drive, sector, _balls(*weights)))
 
-    def _masses(self, felt: np.ndarray, push: np.ndarray) -> None:
-        """What errors of masses do, and what they gain through filters."""
-        claim = self._claim
-        lower, upper = arb(claim.lower), arb(claim.upper)
-        mean, pushed = (upper - lower) / 2 * felt, push
+    def _input(self, felt: np.ndarray, still: np.ndarray, grown: np.ndarray) -> None:
+        """What errors of masses do, or of springs alone, and what they gain through filters: in periods d/√λ enters
+        with λh², and e with a constant beside."""
+        claim, alone = self._claim, self._claim.springs_alone
+        lower, upper = map(arb, (claim.softer, claim.stiffer) if alone else (claim.lower, claim.upper))
+        mean, answers = (upper - lower) / 2 * felt, self._none
         for k, numbers in enumerate(claim.filters.tolist()):
             pole, multiplier, lift = map(arb, numbers)
             seen, answer = self._unit[5 + 2 * k], self._unit[6 + 2 * k]
             _add(self.moved[0], np.outer(seen, felt - pole * seen) - pole * np.outer(answer, answer))
             _add(self.gained[0], multiplier * _twice(answer, felt))
-            _add(self.lift, lift * np.outer(answer, answer))
-            pushed, mean = pushed + answer, mean - multiplier * seen
-        _add(self.moved[1], np.outer(pushed, mean))
-        _add(self.entry[1], np.outer(pushed, pushed))
-        _add(self.gained[1], np.outer(mean, mean) + lower * upper * np.outer(felt, felt))
+            _add(self.shift[0] if alone else self.shared_shift, lift * np.outer(answer, answer))
+            answers, mean = answers + answer, mean - multiplier * seen
+        still, grown = (still + answers, grown) if alone else (still, grown + answers)
+        _add(self.moved[0], np.outer(still, mean))
+        _add(self.moved[1], np.outer(grown, mean))
+        _add(self.entry[0], np.outer(still, still))
+        _add(self.entry[1], _twice(still, grown))
+        _add(self.entry[2 if alone else 1], np.outer(grown, grown))
+        _add(self.gained[0 if alone else 1], np.outer(mean, mean) + lower * upper * np.outer(felt, felt))
 
     def _channel(self, one: Channel) -> None:
         (lower, upper), (multiplier, weight, rate_weight, lift) = one.sector, one.weights
@@ -143,18 +155,21 @@ def pair_flow(claim: PairClaim, centre: arb, half: arb) -> Flow:
             (0, 0): first + second * middle + third * middle**2,
             (1, 0): (second + third * (2 * middle)) * wide,
         }
-        return TaylorMatrix(terms | ({(2, 0): third * wide**2} if claim.any_motion else {}))
+        squares = claim.any_motion or claim.springs_alone
+        return TaylorMatrix(terms | ({(2, 0): third * wide**2} if squares else {}))
 
-    m, q = grown(forms.moved), grown(forms.gained)
+    def shared(part: np.ndarray) -> TaylorMatrix:
+        """A factor of 1/(λh²), or of 1/(λh² + κh²)."""
+        entries = _entries(part)
+        row = taylor_row(lambda link: [1 / (link * h**2 + forms.offset)], centre, half)
+        return row.each(lambda one: entries * one[0, 0])
+
+    m, q, shift = grown(forms.moved), grown(forms.gained), grown(forms.shift)
+    if claim.springs_alone:
+        q += shared(forms.shared_gained)
+    if len(claim.filters) or claim.springs_alone:
+        shift += shared(forms.shared_shift)
     hamiltonian = TaylorMatrix.stacked([[m, grown(forms.entry)], [-q, -m.transpose()]])
-    shift = grown(forms.shift)
-    if len(claim.filters):
-
-        def reciprocal(link: arb_series) -> list[arb_series]:
-            return [1 / (link * h**2)]
-
-        lift = arb_mat(forms.lift.tolist())
-        shift += taylor_row(reciprocal, centre, half).each(lambda part: lift * part[0, 0])
     return Flow(hamiltonian, shift)
 
 

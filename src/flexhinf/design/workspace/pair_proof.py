@@ -150,7 +150,7 @@ def largest_certificate(
     progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
     tolerance = popov_tolerance(pairs, shape, fixed=fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
-    shares = SPRUNG if max(tolerance.errors.springs) > 0.0 else SHARES
+    shares = SPRUNG if tolerance.errors.states(tolerance.multipliers)[0] else SHARES
     parts = [share * tolerance.share for share in shares if tolerance.share > 0.0]
     if whole and tolerance.share > 1.0:
         parts = [max(1.0, parts[-1])]
