@@ -416,3 +416,18 @@ class Modes:
         order = np.argsort(-np.abs(self.multipliers), axis=1, kind="stable")[:, :count]
         with np.errstate(invalid="ignore"):
             return np.log(np.take_along_axis(self.multipliers, order, axis=1)) / self.period
+
+    def damping_about(self, limit: float, queued: bool = False) -> np.ndarray:
+        """Smallest damping ratio (N,) of the oscillations of each loop with |s| below a limit, rad/s, and of those that
+        grow, as of `DiscreteSystem.damping_about`; −∞ without equilibrium.
+
+        `queued`: Whether inputs wait, few enough that no mode that lasts is an echo of their queue.
+        """
+        size = np.abs(self.multipliers)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            poles = np.log(self.multipliers) / self.period
+            ratios = damping_ratio(poles)
+            lasts = (size > (BRIEF if queued else GONE)) & (np.real(poles) > -1.0 / (LASTING * self.period))
+            slow = (np.abs(poles) < limit) & (np.abs(np.imag(poles)) > DRIFTING)
+        counted = np.where(lasts & (slow | (ratios < 0.0)), ratios, 1.0).min(axis=1, initial=1.0)
+        return np.where(np.isfinite(size).all(axis=1), counted, -np.inf)

@@ -107,18 +107,7 @@ def climb(
     searches = [_Climber(point, float(value)) for point, value in zip(starts, function(starts))]
     evaluations, best = len(starts), max(searches, key=lambda search: search.value)
     for _ in range(SEARCH_ROUNDS):
-        every = sorted(searches, key=lambda search: -search.value)
-        searches: list[_Climber] = []
-        for search in every:  # stable: the first start wins a tie
-            near = [
-                other
-                for other in searches
-                if np.abs(other.point - search.point).max() <= NEAR * min(search.step, other.step)
-            ]
-            if near:
-                near[0].starts += search.starts
-            else:
-                searches.append(search)
+        searches = _merged(searches)
         best = max(searches, key=lambda search: search.value)
         progress(evaluations, best.value)
         active = [search for search in searches if search.step >= LAST_STEP]
@@ -131,6 +120,21 @@ def climb(
             search.take(np.vstack(parts[:2]), np.concatenate(parts[2:]))
         evaluations += sum(map(len, around)) + sum(map(len, trials))
     return Climbed(best.point, best.value, evaluations, best.starts)
+
+
+def _merged(searches: list[_Climber]) -> list[_Climber]:
+    """The searches by falling values, those near to a better one merged with it; the first start wins a tie."""
+    every = sorted(searches, key=lambda search: -search.value)
+    points, steps = np.array([search.point for search in every]), np.array([search.step for search in every])
+    kept: list[int] = []
+    for k, search in enumerate(every):
+        apart = np.abs(points[kept] - points[k]).max(axis=1, initial=0.0)
+        near = np.flatnonzero(apart <= NEAR * np.minimum(steps[kept], steps[k]))
+        if len(near):
+            every[kept[int(near[0])]].starts += search.starts
+        else:
+            kept.append(k)
+    return [every[k] for k in kept]
 
 
 def box_corners(d: int) -> np.ndarray:
