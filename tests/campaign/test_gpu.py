@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, made_campaign, made_loop, output, tolerances
@@ -9,13 +11,24 @@ from tests.card import StandIn, on_stand_in, stand_in  # noqa: F401 - fixtures
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.campaign import Journal, Sample, Shard, drive, driver as campaign_driver, on_device
-from flexhinf.campaign.batches import run_batch
+from flexhinf.campaign import (
+    Journal,
+    Sample,
+    Shard,
+    drive,
+    driver as campaign_driver,
+    on_device,
+    worst_case,
+)
+from flexhinf.campaign.batches import rows_of, run_batch
 from flexhinf.codegen import cuda
 from flexhinf.codegen.program import Unsupported
 from flexhinf.errors import FlexhinfError, InvalidInput
 
 pytest.importorskip("pyarrow")
+
+#: The file, beside the function of the same name.
+worst_case_file = sys.modules["flexhinf.campaign.worst_case"]
 
 
 def torn(rng: np.random.Generator) -> dict[str, float]:
@@ -64,6 +77,27 @@ def test_run_campaign_on_a_gpu_runs_what_it_cannot_on_the_processor(on_stand_in:
     cpu, gpu = (fh.run_campaign(loop, draw, 20, device=device, **given) for device in ("cpu", "gpu"))
     assert cpu.identical(gpu)
     assert 0 < (cpu.force > 0.5).sum() < 20
+
+
+@pytest.mark.ci("compiles an ensemble for a GPU")
+def test_the_worst_plant_is_the_same_found_on_a_gpu_whose_generations_run_at_once(
+    on_stand_in: StandIn,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """Every bit of both results. Of 400 searches a generation is one launch, but for a few plants on the processor."""
+    campaign, sizes = made_campaign(), list[int]()
+    parts = [run_batch(campaign, k) for k in range(campaign.batches)]
+    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    cpu = worst_case(campaign, "overshoot_percent", rows, starts=400)
+    before = on_stand_in["launches"]
+    monkeypatch.setattr(
+        worst_case_file, "rows_of", lambda *some, **more: sizes.append(len(some[1])) or rows_of(*some, **more)
+    )
+    assert worst_case(campaign, "overshoot_percent", rows, starts=400, device="gpu") == cpu
+    assert cpu.found.value >= cpu.corner.value
+    assert on_stand_in["launches"] - before == sum(size >= 8 for size in sizes) > 2
+    assert sizes[0] == 4 + 8 * 400  # corners and points; then the best of them are the starts
+    assert sizes[2] == 400
 
 
 @pytest.mark.ci("compiles an ensemble for a GPU")

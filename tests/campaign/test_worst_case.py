@@ -5,19 +5,25 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import pickle
 import sys
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.campaign.conftest import Feedback, made_campaign, spring, tolerances
+from tests.campaign.conftest import Feedback, made_campaign, made_loop, spring, tolerances
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.analysis.search import climb
 from flexhinf.campaign import (
     Campaign,
     Journal,
+    Sample,
+    Tolerances,
+    Variable,
     drive,
     run_batch,
     stored_worst,
@@ -110,6 +116,7 @@ def test_no_point_of_a_dense_grid_is_worse(campaign, rows):
         for m, k in grid
     ]
     assert max(peaks) <= found.found.value
+    assert found.corner.value == max(peaks[k] for k in (0, 8, 72, 80))
     assert found.found.value == pytest.approx(max(peaks), rel=0.02)
     assert found.all_corners
     assert all(low <= found.found.numbers[k] <= high for k, (low, high) in found.intervals.items())
@@ -125,6 +132,96 @@ def test_the_worst_found_is_never_better_than_the_samples_and_replays_bit_by_bit
     assert worst_case(campaign, metric, rows, seed=0) == found
     assert other.found.value == pytest.approx(found.found.value, rel=0.01)
     assert found.factor == found.found.value / found.sampled.value
+
+
+@pytest.mark.parametrize("starts", [1, 2, 5])
+def test_the_worst_found_is_never_better_than_the_worst_of_the_corners_that_are_run(
+    campaign, rows, starts, monkeypatch
+):
+    """Of many corners some are run."""
+    monkeypatch.setattr(files, "MOST_CORNERS", 2)
+    monkeypatch.setattr(files, "CORNERS", 1)
+    given: list[np.ndarray] = []
+    monkeypatch.setattr(
+        files, "climb", lambda values, begun, progress: given.append(begun) or climb(values, begun)
+    )
+    for metric in ("settling_time_s", "tracking_rmse"):
+        found = worst_case(campaign, metric, rows, starts=starts)
+        assert (found.corners, found.all_corners) == ((4, True) if starts == 5 else (starts, False))
+        assert found.found.value >= max(found.corner.value, found.sampled.value)
+        assert len(given.pop()) == starts
+
+
+def test_a_corner_that_no_sample_reaches_is_found_without_a_step(campaign, rows, monkeypatch):
+    """The searches only begin."""
+
+    def begun(values, starts, progress):
+        best = int(np.argmax(values(starts)))
+        return SimpleNamespace(point=starts[best], together=1)
+
+    monkeypatch.setattr(files, "climb", begun)
+    for starts in (1, 2, 3):
+        found = worst_case(campaign, "peak_input", rows, starts=starts)
+        assert found.found == found.corner
+        assert found.worse
+        assert set(found.found.numbers.values()) <= {0.8, 1.2, 15.0, 25.0}
+
+
+def damped(campaign, numbers):
+    """The least damping ratio by matrix exponentials, of one plant."""
+    loop = campaign.loop
+    linear = EquilibriumLoop(
+        loop.controller.law, loop.controller.estimator, loop.true_plant, loop.controller.period, goal=[0.1]
+    )
+    return linear.linear(numbers).closed_loop.damping_about(math.inf)[0]
+
+
+def test_the_least_damping_of_the_box_is_found_by_search(tmp_path):
+    pytest.importorskip("pyarrow")
+    campaign = made_campaign()
+    found = worst_case(campaign, "damping")
+    grid = itertools.product(np.linspace(0.8, 1.2, 5), np.linspace(15.0, 25.0, 5))
+    ratios = [damped(campaign, {"mass": m, "stiffness": k}) for m, k in grid]
+    assert found.least
+    assert found.found.value == pytest.approx(min(ratios), rel=1e-6)
+    assert found.corner.value == pytest.approx(min(ratios[k] for k in (0, 4, 20, 24)), rel=1e-9)
+    assert found.nominal.value == pytest.approx(ratios[12], rel=1e-9)
+    assert found.sampled.value > found.found.value > 0.1
+    assert found.again(campaign) == found.found
+    assert pickle.loads(pickle.dumps(campaign)).settings == campaign.settings
+    journal = Journal.opened(tmp_path / "runs", campaign)
+    assert stored_worsts(journal) == []
+    assert [worst_case(campaign, "damping", journal=journal)] == stored_worsts(journal) == [found]
+
+
+def test_a_box_with_unstable_linear_loops_has_one_as_its_worst_plant():
+    box = Tolerances([Variable("mass", 0.8, 1.2), Variable("stiffness", -100.0, 25.0)])
+    campaign = made_campaign(draw=box)
+    found = worst_case(campaign, "damping", starts=2)
+    assert (found.found.status, math.isnan(found.factor)) == ("unstable", True)
+    assert found.found.value < 0.0
+    assert damped(campaign, found.found.numbers) == pytest.approx(found.found.value, rel=1e-6)
+
+
+def test_linear_loops_that_are_not_known_are_refused():
+    def fixed(x, step, p):
+        return x
+
+    moving = Tolerances([Variable("mass", 0.8, 1.2)], build=lambda n: Sample(n, {"reference": 0.1}, n))
+    late = fh.Loop(spring(), made_loop().controller, 1, delay=5 * 4e-3)
+    sticky = spring()
+    sticky = fh.Plant(
+        sticky.flow, sticky.output, sticky.states, sticky.inputs, sticky.disturbances,
+        {"mass": 1.0, "stiffness": 20.0}, arrest=fixed,
+    )  # fmt: skip
+    sticking = fh.Loop(sticky, made_loop().controller, 1)
+    for loop, draw, words in (
+        (made_loop(), moving, ("goal", "of its own")),
+        (late, tolerances(), ("delay", "4.6", "6")),
+        (sticking, tolerances(), ("smooth", "stick", "LinearPlant")),
+    ):
+        with refused_with(InvalidInput, *words, "overshoot_percent"):
+            worst_case(Campaign(loop, draw, 4, options=QUIET), "damping")
 
 
 def final_force(run):
@@ -205,6 +302,7 @@ def test_numbers_that_json_does_not_have(tmp_path, campaign, rows):
     [
         ({"metric": "peak"}, "metric 'peak'"),
         ({"starts": 0}, "starts=0"),
+        ({"device": "tpu"}, "(?s)device.*'tpu'"),
         ({"seed": -1}, "seed=-1"),
         ({"rows": {"status": np.zeros(50)}}, "(?s)rows.*50 numbers"),
         (

@@ -232,13 +232,14 @@ def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureF
 def test_the_worst_robot_is_searched_kept_and_replayed(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    search = ["--worst-case", "--metric", "peak_speed", "--metric", "settling_time_s", "--starts", "2"]
+    metrics = ["--metric", "peak_speed", "--metric", "settling_time_s", "--metric", "damping"]
+    search = ["--worst-case", *metrics, "--starts", "2"]
     assert main([*WORDS, *search]) in (0, 1)
     text = said(capsys)
     assert unnamed(text, "worst", "peak speed") == []
     assert f"flexhinf campaign replay {judged / 'runs'} --worst-case " in text
     page = (judged / "runs" / "index.html").read_text()
-    for words in ("Worst case", "worst found", "replay runs --worst-case", "lower bound"):
+    for words in ("Worst case", "worst corner", "worst found", "replay runs --worst-case", "lower bound"):
         assert words in page
     kept = (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes()
     value = json.loads(kept)["found"]["value"]
@@ -252,6 +253,8 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     assert (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes() == kept
     assert main(["campaign", "replay", "runs", "--worst-case", "peak_speed", "--out", "run.nc"]) == 0
     assert unnamed(said(capsys), "peak speed", "completed", "same") == []
+    assert main(["campaign", "replay", "runs", "--worst-case", "damping"]) == 0
+    assert unnamed(said(capsys), "worst damping", "same") == []
     assert (judged / "run.nc").stat().st_size > 10_000
 
 

@@ -14,6 +14,7 @@ import flexhinf as fh
 from flexhinf.campaign import Campaign, run_batch
 from flexhinf.design import DesignRequest, PoseCampaign, Specification
 from flexhinf.design.deployed_run import DesignedLaw
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.options import CampaignOptions
@@ -99,6 +100,20 @@ def test_a_joint_that_does_not_move_has_no_step() -> None:
 
 
 MOVE = "time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,10,10\n2,20,10\n"
+
+
+@pytest.mark.parametrize("shaping", ["jump", "quintic"])
+def test_the_damping_that_is_searched_is_that_of_the_design(shaping: str) -> None:
+    """Of the law about its goal, or about a moving reference, on the plant of the design's margins."""
+    one = asked(pose=(0.6, -0.4), shaping=shaping)
+    campaign, s = campaign_of(one), one.specification
+    setup = LoopSetup(one.request.robot, s, campaign.loop.controller.law, one.ends[1], one.ends[0])
+    assert campaign.loop.controller.mode.moving == (shaping == "quintic")
+    found = campaign.linear_damping(campaign.draw.samples([0, 1], 8, 0))[0]
+    for k, ratio in enumerate(found.tolist()):
+        values = setup.equilibrium_loop().plant.parameters.known(campaign.sample(k).parameters)
+        linear = setup.equilibrium_loop().linear(values)
+        assert ratio == pytest.approx(linear.closed_loop.damping_about(s.damped_below_limit)[0], rel=1e-6)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .batches import Campaign as Campaign, Rows as Rows, check_counts as check_counts, run_batch as run_batch
+from .damping import DAMPING as DAMPING, LinearPlant as LinearPlant
 from .draws import (
     DISTRIBUTIONS as DISTRIBUTIONS,
     METHODS as METHODS,
@@ -12,6 +13,7 @@ from .draws import (
 )
 from .driver import (
     Shard as Shard,
+    device_here as device_here,
     drive as drive,
     in_cluster as in_cluster,
     in_processes as in_processes,

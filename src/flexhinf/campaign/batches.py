@@ -14,6 +14,7 @@ from typing import TypeAlias, get_args
 import numpy as np
 
 from flexhinf import __version__
+from flexhinf.campaign.damping import LinearDamping, LinearPlant
 from flexhinf.campaign.draws import (
     DIGITS,
     Draw,
@@ -113,6 +114,7 @@ class Campaign:
     `signals`: states that are kept at some instants, for bands; by default the tracked ones.
     `batch`: samples of a batch; by default `BATCH`, or more of short runs. No sample depends on it.
     `about`: further settings that are compared when the campaign continues, such as the specification of a design.
+    `linear_plant`: the true plant of linear loops, by default that of the runs.
 
     `batches`: their number. `instants`, `time`: samples (T,) at which signals are kept, and their times, s; the first
     and the last of a run are among them.
@@ -132,6 +134,7 @@ class Campaign:
         signals: Sequence[str] | None = None,
         batch: int | None = None,
         about: Mapping[str, str] | None = None,
+        linear_plant: LinearPlant | None = None,
     ) -> None:
         checked_kind("A campaign needs a loop.", loop, Loop, "a Loop", "fh.Loop(plant, controller)")
         if not isinstance(draw, Draw):
@@ -144,6 +147,7 @@ class Campaign:
             draw = FunctionDraw(draw)
         check_counts(samples, seed, BATCH if batch is None else batch)
         self.loop, self.draw, self.samples, self.seed, self.about = loop, draw, samples, seed, about or {}
+        self.linear_plant = linear_plant
         stated: RunOptions = options or {}
         self.duration = stated.get("duration", DURATION)
         self.options: RunOptions = {"duration": self.duration, **stated}
@@ -361,6 +365,11 @@ class Campaign:
     def _recorder(self) -> Ensemble:
         return self._own_loop().ensemble(**self.options)
 
+    @cached_property
+    def linear_damping(self) -> LinearDamping:
+        """Damping of the linear loop about the last command; InvalidInput where it is not known."""
+        return LinearDamping.of(self.loop, self._recorder.command.last, self.linear_plant)
+
     def _own_loop(self) -> Loop:
         loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
         loop.channel = self.loop.channel
@@ -371,7 +380,7 @@ class Campaign:
         return {
             name: value
             for name, value in vars(self).items()
-            if name not in ("ensemble", "_recorder", "_some")
+            if name not in ("ensemble", "_recorder", "_some", "linear_damping")
         }
 
     @cached_property
@@ -471,21 +480,22 @@ def rows_of(
     samples: Sequence[Sample] = (),
     turn: Turn = ANY_TIME,
     device: Device = "cpu",
+    traced: int | None = None,
 ) -> Rows:
     """The rows of samples, from the campaign or others; sample k has the noise of the k-th index.
 
-    `turn`: Held while they run.
+    `turn`: Held while they run. `traced`: Signals are kept of samples with a smaller number, by default `TRACED`.
     """
+    traced = TRACED if traced is None else traced
     samples = samples or campaign.draw.samples(indices, campaign.samples, campaign.seed)
     count, names = len(indices), {column.name for column in campaign.columns if column.kind == "parameter"}
     numbers = index_array(indices)
     unknown: np.ndarray = np.broadcast_to(np.float32(math.nan), (count, len(campaign.instants)))
-    traced = bool(numbers.min() < TRACED)
     columns: Rows = {
         column.name: np.full(count, math.nan)
         if column.kind != "trace"
         else unknown.copy()
-        if traced
+        if numbers.min() < traced
         else unknown
         for column in campaign.columns
     }
@@ -502,14 +512,14 @@ def rows_of(
             assert campaign.ensemble is not None
             places = np.array(some)
             plants = campaign.plants((), taken(samples, some), seeds=columns["seed"][places])
-            kept = np.flatnonzero(columns["sample"][places] < TRACED)
+            kept = np.flatnonzero(columns["sample"][places] < traced)
             with turn:
-                traced = 1 + max(kept[-1:].tolist(), default=-1)
-                result = campaign.ensemble.run(**plants, traced=traced, device=device)
+                first = 1 + max(kept[-1:].tolist(), default=-1)
+                result = campaign.ensemble.run(**plants, traced=first, device=device)
             _fill_reduced(campaign, columns, places, result, kept)
         runs = campaign.trajectories([indices[k] for k in alone], taken(samples, alone))
         for place in alone:
-            _fill_run(campaign, columns, place, next(runs))
+            _fill_run(campaign, columns, place, next(runs), traced)
     except (cuda.CardError, Unsupported):  # it is not the samples that are refused
         raise
     except FlexhinfError as error:
@@ -568,7 +578,7 @@ def _span(places: np.ndarray) -> np.ndarray | slice:
     return slice(first, last + 1) if last - first + 1 == len(places) else places
 
 
-def _fill_run(campaign: Campaign, columns: Rows, place: int, run: Trajectory) -> None:
+def _fill_run(campaign: Campaign, columns: Rows, place: int, run: Trajectory, traced: int) -> None:
     if run.diverged_at is None:
         columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
         for metrics in campaign.metrics:
@@ -576,7 +586,7 @@ def _fill_run(campaign: Campaign, columns: Rows, place: int, run: Trajectory) ->
                 columns[name][place] = value
     else:
         columns["status"][place], columns["diverged_at_s"][place] = DIVERGED, run.diverged_at
-    if columns["sample"][place] < TRACED:
+    if columns["sample"][place] < traced:
         at = campaign.instants[: np.searchsorted(campaign.instants, len(run.time))]
         with np.errstate(over="ignore"):
             for name in campaign.signals:

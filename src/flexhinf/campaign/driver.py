@@ -177,8 +177,12 @@ def remote_batch(sent: bytes, batch: int, version: str, device: Device = "cpu") 
         f"expected {version}, got {__version__}",
         "the driver's version on every worker",
     )
-    own: Device = "gpu" if device == "gpu" and cuda.is_there() else "cpu"
-    return run_batch(_worker_campaign(sent), batch, own)
+    return run_batch(_worker_campaign(sent), batch, device_here(device))
+
+
+def device_here(device: Device) -> Device:
+    """The device, or the processor of a machine without it."""
+    return "gpu" if device == "gpu" and cuda.is_there() else "cpu"
 
 
 _worker_campaign = lru_cache(2)(pickle.loads)  # keeps compiled code from batch to batch

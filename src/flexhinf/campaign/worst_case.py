@@ -1,15 +1,18 @@
 """Search for the worst plant inside the box of the tolerances: the result is a lower bound of the worst metric.
 
 The search maximises a metric over the intervals of the varied numbers, ends included. All its runs have the noise of
-the worst sample of the campaign, so that plants differ by their numbers and not by luck. It starts at that sample, so
-its result is never less bad, and also at other bad samples, at the worst corners, and at random points of the box.
+the worst sample of the campaign, so that plants differ by their numbers and not by luck. Its first generation are the
+corners of the box, or a random choice of them, and random points. From the worst samples, corners and points searches
+go side by side, and the plants of a step of all of them are one generation. So the result is never less bad than any of
+them. With S searches in d numbers the first generation has up to (`CORNERS` + `POINTS`) S plants, and later ones 2 d S
+and (`TRIALS` + 2 d) S at most. Each runs at once, on the device that is stated, and no number depends on which it is.
 Noise itself is not searched: it has no bounds. Each result is one file in the campaign's folder.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,22 +20,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.analysis.search import box_corners, climb
-from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
+from flexhinf.campaign.batches import LARGEST_BATCH, Campaign, checked_integer, rows_of, run_batch
+from flexhinf.campaign.damping import DAMPING, OF_RUNS
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.journal import Journal
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.campaign.metrics import COMPLETED, known_metric
+from flexhinf.campaign.samples import Columns, Sample
+from flexhinf.codegen.gpu import Device
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
 from flexhinf.validation import NotReadable
 
-#: All corners are run if there are at most so many.
-MOST_CORNERS = 1024
+#: Corners and random points of the first generation, for each search. All corners are run if there are at most so
+#: many, or at most `MOST_CORNERS`.
+CORNERS, POINTS, MOST_CORNERS = 128, 8, 1024
 
-#: Number of searches, by default and at most; and runs in one call.
-STARTS, MOST_STARTS, CHUNK = 8, 1000, 256
+#: Number of searches, by default and at most.
+STARTS, MOST_STARTS = 8, 10_000
 
-#: Key of the random starts; the samples' own numbers have other keys.
+#: Plants that run at once at most; and those that are built one by one.
+TOGETHER, CHUNK = LARGEST_BATCH, 256
+
+#: Key of the random points; the samples' own numbers have other keys.
 _STREAM = 0x776F727374
 
 #: Folder of the files, inside the campaign's folder.
@@ -60,8 +70,10 @@ class WorstCase:
     unit: str
     least: bool  # Whether small values are the bad ones
     sample: int  # The worst sample inside the box; every run of the search has its noise
-    # sampled, found, nominal: That sample, the plant that the search found, and the nominal one, with the same noise
+    # sampled, corner, found, nominal: That sample, the worst corner that was run, the plant that the search found, and
+    # the nominal one, with the same noise
     sampled: EvaluatedPlant
+    corner: EvaluatedPlant
     found: EvaluatedPlant
     nominal: EvaluatedPlant
     # The metric of the plant found with this number alone at its nominal value; NaN where the run has none
@@ -71,7 +83,7 @@ class WorstCase:
     # starts, together: Searches, and how many of them ended at the plant found
     starts: int
     together: int
-    all_corners: bool  # Whether every corner was run
+    corners: int  # How many were run
     runs: int
     # Samples outside the box (a normal distribution is not cut off); they are not compared
     outside: int
@@ -83,6 +95,11 @@ class WorstCase:
         a, b = self.found.value, self.sampled.value
         whole = self.found.status == self.sampled.status == COMPLETED
         return a / b if whole and b > 0.0 and 0.0 <= a < math.inf else math.nan
+
+    @property
+    def all_corners(self) -> bool:
+        """Whether every corner was run."""
+        return self.corners == 1 << len(self.intervals)
 
     @property
     def worse(self) -> bool:
@@ -102,7 +119,7 @@ class WorstCase:
 
     def again(self, campaign: Campaign) -> EvaluatedPlant:
         """Run the plant found once more, alone; the value has the same bits as in the search."""
-        return _runs(campaign, [self.found.numbers], self.sample, self.metric)[0]
+        return _Generations(campaign, self.metric, self.least, self.sample).plants([self.found.numbers])[0]
 
 
 def worst_case(
@@ -116,29 +133,38 @@ def worst_case(
     nominal: Mapping[str, float] | None = None,
     journal: Journal | None = None,
     progress: Callable[[int, float], None] = lambda runs, best: None,
+    device: Device = "cpu",
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
 
     `campaign`: its draw must be `Tolerances`.
+    `metric`: of the runs; or `DAMPING`, the least damping ratio of the linear loop, which needs no runs.
     `rows`: the campaign's rows, as `run_campaign` gives them; without them its samples are run now.
-    `least`: whether the smallest value is the worst.
-    `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
-    `seed`: of the random starts; by default the campaign's.
+    `least`: whether the smallest value is the worst; of `DAMPING` it is.
+    `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at the worst
+        random points. Generations grow with their number.
+    `seed`: of the random points; by default the campaign's.
     `nominal`: nominal numbers; those that are not named are the middles of their intervals.
     `journal`: its folder keeps the result; a stored result of the same options is returned without a search.
     `progress`: called with the runs so far and the worst value.
-    Returns: never better than the worst sample. The same bits for any number of threads or lanes.
-    Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has; or if another
-        driver is at work on the journal. Raises FlexhinfError: if the disk is full.
+    `device`: where runs are made, those of samples too.
+    Returns: never better than the worst sample and the worst corner that was run. The same bits for any number of
+        threads or lanes, and for either device.
+    Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has; for runs that a GPU
+        does not make; or if another driver is at work on the journal. Raises FlexhinfError: if the disk is full, or
+        without a GPU, where there should be one.
     """
-    box = _box(campaign)
-    known_metric(metric, [column.name for column in campaign.columns if column.judged])
+    _box(campaign)
+    columns = [column.name for column in campaign.columns if column.judged]
+    known_metric(metric, [*columns, DAMPING])
     check_starts(starts)
+    campaign.check_device(device)
     seed = checked_integer("seed", campaign.seed if seed is None else seed, 0, 2**63 - 1, "0")
+    search = _Generations(campaign, metric, least or metric not in columns, 0, device)
     settings = {
         "campaign": campaign.digest,
         "metric": metric,
-        "least": str(least),
+        "least": str(search.least),
         "starts": str(starts),
         "seed": str(seed),
     }
@@ -149,74 +175,92 @@ def worst_case(
         raise
     except InvalidInput:  # no file, or a damaged one: search
         pass
-    names = [variable.name for variable in box.variables]
-    low, high = np.array([(variable.low, variable.high) for variable in box.variables], dtype=float).T
-    table = _columns(campaign, rows, [metric, "status", *names])
-    points = np.column_stack([table[name] for name in names]).astype(float)
-    inside = np.all((points >= low) & (points <= high), axis=1)
-    size = np.where(inside, _sizes(table[metric].astype(float), table["status"], least), -math.inf)
-    order = np.argsort(-size, kind="stable")
-    first = int(order[0])
-    refuse_if(
-        size[first] == -math.inf,
-        f"No sample has the metric {metric!r}.",
-        f"expected a number in one of {len(size)} rows, inside the intervals of the tolerances",
-        "a metric that the runs have, as peak_input",
-    )
-
-    def numbers(t: np.ndarray) -> dict[str, float]:
-        return dict(zip(names, ((1.0 - t) * low + t * high).tolist(), strict=True))
-
-    runs = 0
-
-    def values(unit: np.ndarray) -> np.ndarray:
-        nonlocal runs
-        runs += len(unit)
-        return np.array(
-            [plant.size(least) for plant in _runs(campaign, list(map(numbers, unit)), first, metric)]
-        )
-
-    all_corners = 1 << len(names) <= MOST_CORNERS
-    sampled = EvaluatedPlant(
-        dict(zip(names, points[first].tolist())), float(table[metric][first]), str(table["status"][first])
-    )
-    worst_plant, together = sampled, 1
-    if math.isfinite(size[first]):
-        width = np.where(high > low, high - low, 1.0)
-        some = [(points[k] - low) / width for k in order[: max(1, starts // 2)] if size[k] > -math.inf]
-        if all_corners:
-            every = box_corners(len(names))
-            some += list(every[np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]])
-        generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
-        some += list(generator.random((max(0, starts - len(some)), len(names))))
-        climbed = climb(values, np.array(some), lambda _, best: progress(runs, -best if least else best))
-        (best,) = _runs(campaign, [numbers(climbed.point)], first, metric)
-        if best.size(least) > sampled.size(least):
-            worst_plant, together = best, climbed.together
-    middle = {**numbers(np.full(len(names), 0.5)), **{k: v for k, v in (nominal or {}).items() if k in names}}
-    others = [middle, *({**worst_plant.numbers, name: middle[name]} for name in names)]
-    centre, *restored = _runs(campaign, others, first, metric)
-    case = WorstCase(
-        metric,
-        next(c.unit for c in campaign.columns if c.name == metric),
-        least,
-        first,
-        sampled,
-        worst_plant,
-        centre,
-        {name: plant.value for name, plant in zip(names, restored)},
-        dict(zip(names, zip(low.tolist(), high.tolist()))),
-        {name: box.units[name] for name in names},
-        starts,
-        together,
-        all_corners,
-        runs + len(others),
-        int((~inside).sum()),
-        settings,
-    )
+    case = _searched(search, rows, (starts, seed), nominal or {}, progress, settings)
     if journal is not None:
         journal.store(FOLDER / f"{metric}.json", asdict(case))
     return case
+
+
+def _searched(
+    search: _Generations,
+    rows: Mapping[str, ArrayLike] | None,
+    starts_and_seed: tuple[int, int],
+    nominal: Mapping[str, float],
+    progress: Callable[[int, float], None],
+    settings: Mapping[str, str],
+) -> WorstCase:
+    """The result of `worst_case`: the first generation, searches from its worst plants, then each number alone."""
+    (starts, seed), least, names, box = starts_and_seed, search.least, search.names, _box(search.campaign)
+    points, values, status = search.samples(rows)
+    inside = np.all((points >= search.low) & (points <= search.high), axis=1)
+    size = np.where(inside, _sizes(values, status, least), -math.inf)
+    search.noise = first = int(np.argmax(size))
+    refuse_if(
+        size[first] == -math.inf,
+        f"No sample has the metric {search.metric!r}.",
+        f"expected a number in one of {len(size)} rows, inside the intervals of the tolerances",
+        "a metric that the runs have, as peak_input",
+    )
+    sampled = EvaluatedPlant(
+        dict(zip(names, points[first].tolist())), float(values[first]), str(status[first])
+    )
+    generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
+    corners = _corners(len(names), starts, generator)
+    spread = generator.random((POINTS * starts, len(names)))
+    at_corners, at_points = np.split(search.sizes(np.vstack([corners, spread])), [len(corners)])
+    (corner,) = search.plants(search.rows(corners[[np.argmax(at_corners)]]))
+    found, together = max((sampled, corner), key=lambda plant: plant.size(least)), 1
+    if math.isfinite(size[first]):
+        begun = (points - search.low) / search.width
+        some = _starts([(begun, size), (corners, at_corners), (spread, at_points)], starts)
+        climbed = climb(search.sizes, some, lambda _, best: progress(search.runs, -best if least else best))
+        (best,) = search.plants(search.rows(climbed.point[None]))
+        if best.size(least) > sampled.size(least):
+            found, together = max((best, corner), key=lambda plant: plant.size(least)), climbed.together
+    (middle,) = search.rows(np.full((1, len(names)), 0.5))
+    middle |= {name: value for name, value in nominal.items() if name in middle}
+    centre, *restored = search.plants([middle, *({**found.numbers, name: middle[name]} for name in names)])
+    return WorstCase(
+        search.metric,
+        next((c.unit for c in search.campaign.columns if c.name == search.metric), ""),
+        least,
+        first,
+        sampled,
+        corner,
+        found,
+        centre,
+        {name: plant.value for name, plant in zip(names, restored)},
+        dict(zip(names, zip(search.low.tolist(), search.high.tolist()))),
+        {name: box.units[name] for name in names},
+        starts,
+        together,
+        len(corners),
+        search.runs,
+        int((~inside).sum()),
+        settings,
+    )
+
+
+def _corners(d: int, starts: int, generator: np.random.Generator) -> np.ndarray:
+    """Corners (N, d) of the unit box: all of them, or a random choice of so many that `starts` searches have."""
+    most = max(CORNERS * starts, MOST_CORNERS)
+    if 1 << d <= most:
+        return box_corners(d)
+    return generator.integers(0, 2, (CORNERS * starts, d)).astype(float)
+
+
+def _starts(parts: Sequence[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
+    """At most `count` points (S, d): the worst samples, corners and random points, by points (N, d) and sizes (N,) of
+    each. Half of them are samples and half of the others corners; one is the worst of both."""
+    ranked = [
+        points[np.argsort(-sizes, kind="stable")[: int((sizes > -math.inf).sum())]] for points, sizes in parts
+    ]
+    if count == 1:
+        worst = [float(sizes.max()) for _, sizes in parts[:2]]
+        return ranked[int(np.argmax(worst))][:1]
+    some = ranked[0][: count // 2]
+    some = np.vstack([some, ranked[1][: -(-(count - len(some)) // 2)]])
+    return np.vstack([some, ranked[2][: count - len(some)]])
 
 
 def check_starts(starts: object) -> None:
@@ -234,12 +278,97 @@ def _box(campaign: Campaign) -> Tolerances:
     )
 
 
-def _columns(
-    campaign: Campaign, rows: Mapping[str, ArrayLike] | None, names: list[str]
+@dataclass(eq=False)
+class _Generations:
+    """Plants of a campaign's box, judged many at once by one metric, all with the noise of one sample."""
+
+    campaign: Campaign
+    metric: str
+    least: bool
+    noise: int
+    device: Device = "cpu"
+    runs: int = 0  # so far
+
+    def __post_init__(self) -> None:
+        variables = _box(self.campaign).variables
+        self.names = [variable.name for variable in variables]
+        self.low, self.high = np.array([(v.low, v.high) for v in variables], dtype=float).T
+        self.width = np.where(self.high > self.low, self.high - self.low, 1.0)
+        self.linear = all(column.name != self.metric for column in self.campaign.columns)
+
+    def numbers(self, unit: np.ndarray) -> dict[str, np.ndarray]:
+        """Numbers (N,) by name, of points (N, d) of the unit box."""
+        return dict(zip(self.names, ((1.0 - unit) * self.low + unit * self.high).T.copy()))
+
+    def rows(self, unit: np.ndarray) -> list[dict[str, float]]:
+        """Numbers of each of these points."""
+        columns = self.numbers(unit).values()
+        return [dict(zip(self.names, row)) for row in zip(*(column.tolist() for column in columns))]
+
+    def sizes(self, unit: np.ndarray) -> np.ndarray:
+        """Badness (N,) of the plants at points (N, d) of the unit box."""
+        return _sizes(*self.judged(self.numbers(unit)), self.least)
+
+    def plants(self, rows: Sequence[Mapping[str, float]]) -> list[EvaluatedPlant]:
+        """The plants with these numbers. Of linear loops each is computed alone, so that it has the same bits again."""
+        columns = {name: np.array([row[name] for row in rows]) for name in self.names}
+        apart = range(len(rows)) if self.linear else [slice(None)]
+        judged = [self.judged({name: np.atleast_1d(c[k]) for name, c in columns.items()}) for k in apart]
+        values, status = (np.concatenate(part) for part in zip(*judged))
+        return [EvaluatedPlant(dict(r), float(v), str(s)) for r, v, s in zip(rows, values, status)]
+
+    def judged(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+        """Values and status (N,) of the plants with these numbers (N,), by name."""
+        count, begin = len(columns[self.names[0]]), 0
+        parts: list[tuple[np.ndarray, np.ndarray]] = []
+        while begin < count:
+            samples = self._samples({name: c[begin : begin + TOGETHER] for name, c in columns.items()})
+            if self.linear:
+                parts.append(self.campaign.linear_damping(samples))
+            else:
+                noise = [self.noise] * len(samples)
+                rows = rows_of(self.campaign, noise, samples, device=self.device, traced=0)
+                parts.append((rows[self.metric].astype(float), rows["status"]))
+            begin += len(samples)
+        self.runs += count
+        values, status = (np.concatenate(part) for part in zip(*parts))
+        return values, status
+
+    def _samples(self, columns: Columns) -> Sequence[Sample]:
+        """The samples of these numbers, by name, or the first of them where each is built alone."""
+        box = _box(self.campaign)
+        if (together := box.columns(columns)) is not None:
+            return together
+        few = zip(*(columns[name][:CHUNK].tolist() for name in self.names))
+        return [box.built(dict(zip(self.names, row)), self.noise) for row in few]
+
+    def samples(self, rows: Mapping[str, ArrayLike] | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Numbers (N, d), values and status (N,) of the campaign's samples, of its rows or run now."""
+        campaign, names = self.campaign, self.names if self.linear else [self.metric, "status", *self.names]
+        if self.linear:
+            moving = "reference" in campaign.sample(0).options
+            refuse_if(
+                moving,
+                "The samples of this campaign have no common linear loop.",
+                "expected samples with one goal, got a move of its own for each",
+                OF_RUNS,
+            )
+        if rows is None and self.linear:
+            table = _box(campaign).numbers(range(campaign.samples), campaign.samples, campaign.seed)
+        elif rows is None:
+            parts = [run_batch(campaign, batch, self.device) for batch in range(campaign.batches)]
+            table = {name: np.concatenate([part[name] for part in parts]) for name in names}
+        else:
+            table = _checked_rows(campaign, rows, names)
+        points = np.column_stack([table[name] for name in self.names]).astype(float)
+        if self.linear:
+            return points, *self.judged(dict(zip(self.names, points.T.copy())))
+        return points, table[self.metric].astype(float), table["status"]
+
+
+def _checked_rows(
+    campaign: Campaign, rows: Mapping[str, ArrayLike], names: Sequence[str]
 ) -> dict[str, np.ndarray]:
-    if rows is None:
-        parts = [run_batch(campaign, batch) for batch in range(campaign.batches)]
-        return {name: np.concatenate([part[name] for part in parts]) for name in names}
     columns = {name: np.asarray(rows[name]) for name in names if name in rows}
     sizes = {name: columns[name].shape if name in columns else "none" for name in names}
     refuse_if(
@@ -251,24 +380,15 @@ def _columns(
     return columns
 
 
-def _runs(
-    campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
-) -> list[EvaluatedPlant]:
-    box, plants = _box(campaign), list[EvaluatedPlant]()
-    for begin in range(0, len(numbers), CHUNK):
-        some = numbers[begin : begin + CHUNK]
-        rows = rows_of(campaign, [noise] * len(some), [box.built(point, noise) for point in some])
-        plants += [
-            EvaluatedPlant(dict(point), float(value), str(status))
-            for point, value, status in zip(some, rows[metric], rows["status"])
-        ]
-    return plants
-
-
 def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     """Badness (N,) of runs: infinite where one did not come to its end, −inf where it has no value."""
     sizes = np.where(np.isnan(values), -math.inf, -values if least else values)
     return np.where(status == COMPLETED, sizes, math.inf)
+
+
+def searched(journal: Journal) -> list[str]:
+    """Metrics whose worst case can be searched."""
+    return list(dict.fromkeys([*journal.metrics, DAMPING]))
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
@@ -276,14 +396,14 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 
     InvalidInput if nothing was searched, or the file is damaged or of another campaign.
     """
-    path = FOLDER / f"{known_metric(metric, journal.metrics)}.json"
+    path = FOLDER / f"{known_metric(metric, searched(journal))}.json"
     try:
         case = journal.stored(path, WorstCase)
         if (case.settings["campaign"], case.metric) == (journal.digest, metric):
             return case
         raise ValueError("it is of another campaign")
     except FileNotFoundError:
-        known = [name for name in journal.metrics if (journal.folder / FOLDER / f"{name}.json").exists()]
+        known = [name for name in searched(journal) if (journal.folder / FOLDER / f"{name}.json").exists()]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
@@ -302,7 +422,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
     cases: list[WorstCase] = []
-    for metric in journal.metrics:
+    for metric in searched(journal):
         try:
             cases.append(stored_worst(journal, metric))
         except NotReadable:

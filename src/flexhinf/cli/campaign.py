@@ -105,6 +105,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
                 progress=lambda runs, best, stage=stage, text=text: stage(
                     f"{text}: {best:.4g} after {runs} runs"
                 ),
+                device=campaigns.device_here(o.device) if o.cluster else o.device,
             )
     return _finish(table, checked)
 
@@ -148,7 +149,7 @@ def _searched(
     if not o.worst_case:
         return {}
     campaigns.check_starts(o.starts)
-    chosen = [campaigns.known_metric(name, [*known, GAIN]) for name in o.metric]
+    chosen = [campaigns.known_metric(name, [*known, campaigns.DAMPING, GAIN]) for name in o.metric]
     chosen = chosen or [*(rule.metric for rule in requirements), *([GAIN] if gain else [])]
     lower_limits = {rule.metric for rule in requirements if not rule.at_most}
     return {

@@ -249,9 +249,10 @@ class RunCampaignOptions(BatchOptions):
     worst_case: bool = option(False, SEARCH,
         "Also search the tolerances for the worst robot, and compare it with the worst sample.")
     metric: list[Text] = option([], SEARCH,
-        "Metric that --worst-case makes as bad as it can; gain searches the worst disturbance. Repeat the option for "
-        "more. Default: all that a requirement limits, and gain.", "gain")
-    starts: Whole = option(8, SEARCH, "Searches of --worst-case for each metric.", "8")
+        "Metric that --worst-case makes as bad as it can; damping is that of the linear loop, gain searches the worst "
+        "disturbance. Repeat the option for more. Default: all that a requirement limits, and gain.", "gain")
+    starts: Whole = option(8, SEARCH,
+        "Searches of --worst-case for each metric. With more of them more robots run at once.", "8")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
+from flexhinf.campaign import Campaign, LinearPlant, Sample, Tolerances, Variable
 from flexhinf.campaign.samples import Columns, SampleColumns
 from flexhinf.design import (
     checks,
@@ -471,6 +471,7 @@ class PoseCampaign(DesignCampaign[Controller]):
             signals.signal_names("link_position", robot.joint_names),
             o.batch,
             self.stated,
+            None if plants.knows_friction else LinearPlant(plants.smooth_plant, s.damped_below_limit),
         )
 
     @property

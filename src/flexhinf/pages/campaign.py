@@ -311,13 +311,14 @@ def _worst_case(
         used.append(math.inf if case.found.status != COMPLETED else max(shares, default=-1.0))
         rows.append((
             metric_text(case.metric), plant_text(judged, case, case.nominal),
-            f"{plant_text(judged, case, case.sampled)} ({case.sample})", plant_text(judged, case, case.found),
+            f"{plant_text(judged, case, case.sampled)} ({case.sample})", plant_text(judged, case, case.corner),
+            plant_text(judged, case, case.found),
             "–" if math.isnan(case.factor) else number(case.factor, 3),
             "; ".join(limit_text(rule, case.unit, in_degrees(judged)) for rule in own) or "–",
             f"{case.together} of {case.starts}" if case.worse else "none",
         ))  # fmt: skip
     case, first = cases[used.index(max(used))], cases[0]
-    every = f", the worst of all {1 << len(first.intervals)} corners" if first.all_corners else ""
+    every = f"the worst of {'all ' if first.all_corners else ''}{first.corners} corners"
     outside = (
         f" {first.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
         if first.outside
@@ -328,14 +329,16 @@ def _worst_case(
     return [
         Paragraph(
             f"{first.starts} searches for each metric, by gradients from differences, begin at the worst "
-            f"samples{every} "
-            f"and random points of the box of tolerances: {sum(worst.runs for worst in cases)} runs in all, with the "
+            f"samples, {every} and random points of the box of tolerances: "
+            f"{sum(worst.runs for worst in cases)} robots in all, with the "
             "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, "
             f"not a proof.{outside}"
         ),
         Table(
-            ("metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there"), rows,
-            "The worst robot inside the box of tolerances", "table-worst-case", stacks=True,
+            (
+                "metric", "nominal", "worst sample", "worst corner", "worst found", "times", "limit",
+                "searches that end there",
+            ), rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True,
         ),
         *([] if runs is None else _worst_figure(judged, case, runs)),
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),

@@ -169,15 +169,16 @@ def unstable_text(judged: CampaignJudgement) -> str:
 
 
 def worst_text(judged: CampaignJudgement, case: WorstCase) -> str:
-    """Result of the search in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
+    """Result of the search in one sentence: ``worst overshoot found: 2.6 % (1.42 times …), at mass −5 %``."""
     name, sampled = metric_text(case.metric), plant_text(judged, case, case.sampled)
     if not case.worse:
         return f"worst {name}: {sampled} of sample {case.sample}; the search found no worse robot."
     times = "" if math.isnan(case.factor) else f"{number(case.factor, 3)} times "
     numbers, nominal = case.found.numbers, case.nominal.numbers
     at = _changes_text([(n, numbers[n], nominal[n], case.units[n]) for n in by_effect(case)], "{} others")
-    value = plant_text(judged, case, case.found)
-    return f"worst {name} found: {value} ({times}the {sampled} of sample {case.sample}), at {at}."
+    value, corner = (plant_text(judged, case, plant) for plant in (case.found, case.corner))
+    known = f"{times}the {sampled} of sample {case.sample}; worst corner {corner}"
+    return f"worst {name} found: {value} ({known}), at {at}."
 
 
 def plant_text(judged: CampaignJudgement, case: WorstCase, plant: EvaluatedPlant) -> str:

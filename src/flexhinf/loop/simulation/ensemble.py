@@ -286,7 +286,8 @@ class Ensemble:
 
     def _on_gpu(self, plants: EnsemblePlants, recorded: Recorded) -> None:
         doubts, whole = self.controller.doubts, self.reduction_memory
-        columns = np.add.outer(self.instants * len(self.kept), np.arange(len(self.kept)))
+        instants = self.instants if len(recorded.kept) else self.instants[:1]  # where no signal is kept
+        columns = np.add.outer(instants * len(self.kept), np.arange(len(self.kept)))
         places = {"reduction_memory": np.arange(len(whole)), "kept": columns.ravel()}
         if doubts:
             memory = self.controller.memory
