@@ -1,6 +1,7 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .batches import Campaign as Campaign, Rows as Rows, check_counts as check_counts, run_batch as run_batch
+from .candidates import judge_controllers as judge_controllers
 from .damping import DAMPING as DAMPING, LinearPlant as LinearPlant
 from .draws import (
     DISTRIBUTIONS as DISTRIBUTIONS,

@@ -516,7 +516,7 @@ def rows_of(
             with turn:
                 first = 1 + max(kept[-1:].tolist(), default=-1)
                 result = campaign.ensemble.run(**plants, traced=first, device=device)
-            _fill_reduced(campaign, columns, places, result, kept)
+            fill_reduced(campaign, columns, places, result, kept)
         runs = campaign.trajectories([indices[k] for k in alone], taken(samples, alone))
         for place in alone:
             _fill_run(campaign, columns, place, next(runs), traced)
@@ -555,7 +555,7 @@ def _fill_numbers(columns: Rows, samples: Sequence[Sample], indices: Sequence[in
             columns["status"][place], columns["failure"][place] = NOT_RUN, sample.failure
 
 
-def _fill_reduced(
+def fill_reduced(
     campaign: Campaign, columns: Rows, places: np.ndarray, result: EnsembleResult, kept: np.ndarray
 ) -> None:
     """Enter what runs at these places gave, and signals of those (K,) of them that are kept."""

@@ -116,7 +116,7 @@ def _result(places: Sequence[Place], kept: np.ndarray, command: CommandFacts) ->
 def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
     """Which runs (N,) are unstable: from extremes of each state in both windows (K, 4, N), and its step (K, N)."""
     low, high, last_low, last_high = np.moveaxis(extremes, 1, 0)
-    with np.errstate(invalid="ignore"):  # windows without samples are infinite
+    with np.errstate(invalid="ignore", over="ignore"):  # windows without samples are infinite
         swing, last_swing = high - low, last_high - last_low
         size = np.abs(heights)
         largest = size.max(axis=0, initial=0.0)

@@ -565,7 +565,7 @@ class Loop(Summarised):
             plant, controller, self.channel, command, commands, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,
             (common_reduction(pairs), *reductions), tuple(signal_place(plant, controller, name) for name in kept),
-            samples, self._sub_steps_option, settings, initial_state is not None,
+            samples, self._sub_steps_option, settings, initial_state is not None, initial_input,
         )  # fmt: skip
 
     def _commanded(

@@ -35,6 +35,7 @@ from flexhinf.loop.simulation.inputs import (
     start_text,
 )
 from flexhinf.loop.simulation.metrics import CommandFacts, EnsembleResult, Place, Reduction
+from flexhinf.loop.simulation.own_laws import law_rows
 from flexhinf.loop.simulation.prepared import PreparedRun, zeros
 from flexhinf.loop.simulation.program import (
     Channel,
@@ -119,6 +120,7 @@ class Ensemble:
     sub_steps: int | None  # of all plants, instead of the number that each one's fastest mode asks for
     settings: Mapping[str, Any]  # what trajectories name, besides seed, sub-steps and start
     placed: bool  # whether the state of the start was given
+    initial_input: Numbers = None  # before the first sample, as it was given
 
     def run(
         self,
@@ -132,6 +134,7 @@ class Ensemble:
         lanes: int | None = None,
         device: Device = "cpu",
         traced: int | None = None,
+        controllers: Sequence[Controller] | None = None,
     ) -> EnsembleResult:
         """Make N runs.
 
@@ -156,6 +159,8 @@ class Ensemble:
             Where the runs are made; few of them are on the processor. Results do not depend on it.
         traced : int, optional
             The first runs, whose signals are kept; all by default.
+        controllers : N Controllers, optional
+            Of each run, which differ from the ensemble's in numbers alone: see `own_laws`.
 
         Raises
         ------
@@ -165,7 +170,7 @@ class Ensemble:
             Without a GPU, where there should be one, and for a model that calls the C library, such as tanh.
         """
         one_of("There is no such device.", device, get_args(Device))
-        plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
+        plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs, controllers)
         threads = thread_count() if threads is None else threads
         few = lanes is None and self._few(plants)
         lanes = LANES if lanes is None else lanes
@@ -276,7 +281,7 @@ class Ensemble:
         disturbances: Disturbances | None = None,
     ) -> Recorded:
         for rows, number, data in self._arrays(plants, disturbances):
-            kernel = self.kernel(number, lanes)
+            kernel = self.kernel(number, lanes, "data" in plants.own)
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
             queue, count = iter(batches), max(1, min(threads, len(batches)))
             with ThreadPoolExecutor(count) as pool:
@@ -294,7 +299,8 @@ class Ensemble:
             places["memory"] = np.arange(memory.size)[memory.places["doubt"]][1:2]
         places = {name: some for name, some in places.items() if len(some)}
         for rows, number, data in self._arrays(plants):
-            ended = self._gpu_kernel(number, tuple(places)).run(data.taken(rows), len(rows), places)
+            kernel = self._gpu_kernel(number, tuple(places), "data" in plants.own)
+            ended = kernel.run(data.taken(rows), len(rows), places)
             recorded.codes[rows], recorded.steps[rows] = ended.codes, ended.steps
             if doubts:
                 recorded.doubtful[rows] = ended.returned["memory"][0]
@@ -325,7 +331,8 @@ class Ensemble:
         sizes["kept"] = samples * len(self.kept)
         values = self._disturbances(plants) if disturbances is None else disturbances
         for number in np.unique(plants.parts).tolist():
-            shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
+            shared = {name: array for name, array in self.shared.items() if name not in own}
+            shared |= {"disturbance": values[number].ravel()} if values else {}
             data = PlantArrays(start, own, shared, {**counts, "parts": number}, sizes)
             yield np.flatnonzero(plants.parts == number), number, data
 
@@ -410,7 +417,7 @@ class Ensemble:
         arrays = {
             **{name: own[name] for name in ("x", "held", "memory")},
             "u": own["held"].copy(),
-            "data": self.shared["data"],
+            "data": own.get("data", self.shared["data"]),
             "noise": noise.ravel(),
             "truth": np.concatenate([[self.command.period / parts], plants.truth[k]]),
             "reference": self.commands.ravel(),
@@ -424,7 +431,9 @@ class Ensemble:
         return PreparedRun(code, times, arrays, recorded, settings, self.shared.get("deviation"))
 
     # What the runs have -----------------------------------------------------------------------------
-    def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
+    def _plants(
+        self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any, controllers: Any = None
+    ) -> EnsemblePlants:
         plant, controller, table = self.plant, self.controller, self.plant.parameters
         several: Any = parameters
         if isinstance(parameters, Mapping) or (
@@ -469,6 +478,8 @@ class Ensemble:
             own["memory"] = np.array([controller.initial_memory(input=row) for row in held]).reshape(
                 count, -1
             )
+        if controllers is not None:
+            own |= law_rows(self.start["memory"], controller, controllers, count, inputs, self.initial_input)
         if self.sub_steps is None:  # those of a `Loop` of each plant alone
             point = operating_state(plant.states, controller)
             modes = fastest_modes(plant, truth, point, controller.law.operating_input)
@@ -508,20 +519,21 @@ class Ensemble:
         """Memory of all reductions before the first sample."""
         return np.array([number for reduction in self.reductions for number in reduction.start])
 
-    def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
+    def kernel(self, sub_steps: int, lanes: int = LANES, own_law: bool = False) -> Kernel:
         """Compiled program of as many runs as lanes; without a disturbance it serves any number of sub-steps."""
-        key, program = self._program(sub_steps)
+        key, program = self._program(sub_steps, own_law)
         return share((*key, lanes), lambda: compile_program(program(), lanes, self.controller.fused))
 
-    def _gpu_kernel(self, sub_steps: int, returned: tuple[str, ...]) -> GpuKernel:
-        key, program = self._program(sub_steps)
+    def _gpu_kernel(self, sub_steps: int, returned: tuple[str, ...], own_law: bool) -> GpuKernel:
+        key, program = self._program(sub_steps, own_law)
         return share((*key, returned), lambda: GpuKernel(program(), returned, self.controller.fused))
 
-    def _program(self, sub_steps: int) -> tuple[tuple[object, ...], Callable[[], Program]]:
+    def _program(self, sub_steps: int, own_law: bool) -> tuple[tuple[object, ...], Callable[[], Program]]:
         """Key of the program of many runs, and what writes it."""
         disturbed = self.disturbance is not None
         code = LoopCode(self.plant, self.controller, self.channel, sub_steps if disturbed else 1)
-        options = EnsembleOptions("deviation" in self.shared, disturbed, self.channel.delay > 0, self.kept)
+        delayed = self.channel.delay > 0
+        options = EnsembleOptions("deviation" in self.shared, disturbed, delayed, self.kept, own_law)
         key = *code.key, "ensemble", options, tuple(reduction.code_key for reduction in self.reductions)
         return key, lambda: loop_program(code, options, self.reductions)
 

@@ -205,6 +205,7 @@ class EnsembleOptions(NamedTuple):
     delayed: bool  # inputs
     #: recorded at every sample: "state", "output", "estimate" or "input"; column
     kept: tuple[tuple[str, int], ...]
+    own_law: bool = False  # numbers of the controller of each run
 
 
 class _Buffers(dict[str, Buffer]):
@@ -294,8 +295,9 @@ def loop_program(
     does not count the first sub-step, which is computed together with the controller's step.
 
     One run, without options, takes its noise as data and records all signals. Of many runs noise is made and numbers
-    are reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the
-    same for all lanes; each lane has its own plant, state, noise, and factors of the disturbance.
+    are reduced on the way, and nothing is recorded but what is kept: command, disturbance and, without `own_law`,
+    data of the law are the same for all lanes; each lane has its own plant, state, noise, and factors of the
+    disturbance.
 
     The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
     acts at a sample is the row that was written a delay ago, so that any delay is data.
@@ -305,7 +307,8 @@ def loop_program(
     delayed = code.channel.delay > 0 if options is None else options.delayed
     x, held = b.whole("x", sizes["x"], "state"), b.whole("held", sizes["u"], "state")
     u = b.whole("u", sizes["u"], "work" if many else "state")
-    memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", many)
+    one_law = options is not None and not options.own_law
+    memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", one_law)
     truth = b.whole("truth", 1 + sizes["parameters"], "in")
     command = b.row("reference", sizes["r"], "in", many)
     ahead = controller.mode.command_lead * sizes["r"]
