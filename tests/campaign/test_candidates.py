@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop, spring, tolerances
@@ -9,9 +12,9 @@ from tests.card import StandIn, on_stand_in, stand_in  # noqa: F401 - fixtures
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.campaign import Campaign, Sample, judge_controllers
+from flexhinf.campaign import Campaign, Sample, judge_controllers, search_weights
 from flexhinf.campaign.batches import run_batch
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 
 METRICS = ("overshoot_percent", "peak_input", "tracking_rmse", "estimation_rmse")
 
@@ -68,14 +71,14 @@ def test_a_gpu_gives_the_same_bits_of_all_controllers_in_one_launch(on_stand_in:
 def test_controllers_that_cannot_run_together_are_refused():
     campaign = made_campaign()
     for others, words in (
-        ([], ("at least one", "none")),
+        ([], ("controller", "none")),
         ([controller(), controller(period=2e-3)], ("period",)),
         ([controller(latency=2)], ("program", "estimator")),
     ):
         with refused_with(InvalidInput, *words):
             judge_controllers(campaign, others)
     alone = made_campaign(metrics={"effort": lambda run: 1.0})
-    with refused_with(InvalidInput, "one by one", "signals"):
+    with refused_with(InvalidInput, "samples", "signals"):
         judge_controllers(alone, [made_loop().controller])
     ensemble = made_loop().ensemble(duration=0.1)
     with refused_with(InvalidInput, "controllers", "2", "1"):
@@ -83,3 +86,83 @@ def test_controllers_that_cannot_run_together_are_refused():
     own = made_loop().ensemble(duration=0.1, initial_memory=controller().initial_memory(input=[1.0]))
     with refused_with(InvalidInput, "initial_memory"):
         own.run([{}], controllers=[controller()])
+
+
+def weighed(weights: Mapping[str, float]) -> fh.Controller:
+    """Not of every pair of weights."""
+    if weights["stiff"] > 150.0:
+        raise NumericalFailure("No law.", "expected less", "less")
+    return controller((weights["stiff"], weights["damped"], 30.0), saturation=8.0)
+
+
+#: Limit of the input, which the fastest laws miss.
+PEAK = 0.4
+
+RANGES = {"stiff": (20.0, 200.0), "damped": (3.0, 60.0)}
+
+
+@pytest.fixture
+def corners() -> Campaign:
+    loop = fh.Loop(spring(), CONTROLLERS[0], 1)
+    box = tolerances("random", "corners")
+    return Campaign(loop, box, 8, 5, {"duration": 0.4, "noise": 1e-4, "reference": 0.1})
+
+
+@pytest.mark.ci("makes and judges a few hundred laws")
+def test_no_weights_of_a_grid_are_better_than_those_that_are_found(corners):
+    tried: list[int] = []
+    found = search_weights(
+        corners,
+        weighed,
+        RANGES,
+        "tracking_rmse",
+        [f"peak_input<={PEAK}"],
+        starts=2,
+        progress=lambda n, best: tried.append(n),
+    )
+    assert tried[-1] <= found.candidates
+    assert all(low <= found.weights[name] <= high for name, (low, high) in RANGES.items())
+    grid = [
+        {"stiff": a, "damped": b} for a in np.geomspace(20.0, 149.0, 6) for b in np.geomspace(3.0, 60.0, 6)
+    ]
+    rows = judge_controllers(corners, [weighed(weights) for weights in grid])
+    kept = np.all((rows["status"] == "completed") & (rows["peak_input"] <= PEAK), axis=1)
+    assert 0 < kept.sum() < len(grid)
+    assert found.value <= 1.001 * rows["tracking_rmse"].max(axis=1)[kept].min()
+    again = Campaign(fh.Loop(spring(), found.controller, 1), corners.draw, 8, 5, corners.options)
+    one = run_batch(again, 0)
+    assert (one["tracking_rmse"].max(), one["peak_input"].max() <= PEAK) == (found.value, True)
+    begun = run_batch(Campaign(corners.loop, corners.draw, 8, 5, corners.options), 0)
+    assert found.begun == (begun["tracking_rmse"].max() if begun["peak_input"].max() <= PEAK else math.inf)
+
+
+@pytest.mark.ci("compiles an ensemble for a GPU")
+def test_weights_found_on_a_gpu_are_those_of_the_processor(
+    corners,
+    on_stand_in: StandIn,  # noqa: F811
+):
+    cpu, gpu = (
+        search_weights(corners, weighed, RANGES, "tracking_rmse", starts=3, device=device)
+        for device in ("cpu", "gpu")
+    )
+    assert (cpu.weights, cpu.value, cpu.candidates) == (gpu.weights, gpu.value, gpu.candidates)
+    assert on_stand_in["launches"] > 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"ranges": {}}, ("weight", "none")),
+        ({"ranges": {"stiff": (0.0, 1.0)}}, ("'stiff'", "(0.0, 1.0)")),
+        ({"ranges": {"stiff": 1.0}}, ("'stiff'", "1.0")),
+        ({"metric": "speed"}, ("metric", "'speed'")),
+        ({"requirements": ["peak_input<=0"], "starts": 1}, ("weights", "peak_input<=0", "none")),
+        ({"ranges": {**RANGES, "stiff": (160.0, 200.0)}, "starts": 2}, ("weights", "none")),
+        ({"starts": 0}, ("starts",)),
+        ({"device": "tpu"}, ("device", "'tpu'")),
+    ],
+)
+def test_mistakes_of_a_search_of_weights(corners, changes, words):
+    given = {"ranges": RANGES, "metric": "tracking_rmse", **changes}
+    with refused_with(InvalidInput, *words):
+        search_weights(corners, weighed, **given)

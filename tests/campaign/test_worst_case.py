@@ -216,7 +216,7 @@ def test_linear_loops_that_are_not_known_are_refused():
     )  # fmt: skip
     sticking = fh.Loop(sticky, made_loop().controller, 1)
     for loop, draw, words in (
-        (made_loop(), moving, ("goal", "of its own")),
+        (made_loop(), moving, ("goal", "move")),
         (late, tolerances(), ("delay", "4.6", "6")),
         (sticking, tolerances(), ("smooth", "stick", "LinearPlant")),
     ):

@@ -1,7 +1,11 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .batches import Campaign as Campaign, Rows as Rows, check_counts as check_counts, run_batch as run_batch
-from .candidates import judge_controllers as judge_controllers
+from .candidates import (
+    SearchedWeights as SearchedWeights,
+    judge_controllers as judge_controllers,
+    search_weights as search_weights,
+)
 from .damping import DAMPING as DAMPING, LinearPlant as LinearPlant
 from .draws import (
     DISTRIBUTIONS as DISTRIBUTIONS,

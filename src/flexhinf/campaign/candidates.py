@@ -1,20 +1,32 @@
-"""Many controllers on the same samples of a campaign, as a search of weights needs them: all runs in a few batches."""
+"""Many controllers on the same samples of a campaign, all runs in a few batches; and the search of weights by them.
+
+The search is that of `flexhinf.analysis.search` over the logarithms of the weights, from several starts at once: a
+generation are the candidates of a step of all of them. A candidate whose law cannot be made, or of which a sample does
+not come to its end or misses a requirement, has no value.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.analysis.search import climb
 from flexhinf.campaign.batches import ALONE, LARGEST_BATCH, Campaign, Rows, fill_reduced
 from flexhinf.campaign.draws import sample_seeds
-from flexhinf.campaign.metrics import NOT_RUN
+from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, MetricLimit, known_metric
 from flexhinf.campaign.samples import Sample, taken
+from flexhinf.campaign.worst_case import STARTS, check_starts
 from flexhinf.codegen.gpu import Device
-from flexhinf.errors import refuse_if
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Controller
+from flexhinf.validation import real_array, value_text
+
+#: Key of the random starts.
+_STREAM = 0x77656967687473
 
 
 def judge_controllers(
@@ -90,3 +102,105 @@ def _run(
     rows["status"] = np.full(len(every), "", dtype=object)
     fill_reduced(campaign, rows, every, result, every[:0])
     return rows
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedWeights:
+    """Result of a search of weights."""
+
+    weights: Mapping[str, float]
+    controller: Controller  # with these weights
+    value: float  # of the metric, with the worst sample
+    begun: float  # the same of the campaign's own controller; infinite where it has no value
+    candidates: int  # that were tried
+
+
+def search_weights(
+    campaign: Campaign,
+    controller_of: Callable[[Mapping[str, float]], Controller],
+    ranges: Mapping[str, tuple[float, float]],
+    metric: str,
+    requirements: Sequence[str] = (),
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    device: Device = "cpu",
+    progress: Callable[[int, float], None] = lambda candidates, best: None,
+) -> SearchedWeights:
+    """Search the weights with which the worst sample of a campaign has the smallest value of a metric.
+
+    `controller_of`: makes the controller of weights by name, of one program for all; a `FlexhinfError` is no candidate.
+    `ranges`: smallest and largest value of each weight, above zero.
+    `requirements`: that every sample has to meet, as ``peak_input<=24``.
+    `starts`: searches, from the middle of the ranges and from random points.
+    `device`: where the runs are made; no number depends on it.
+    `progress`: called with the candidates so far and the best value.
+    Raises InvalidInput: for ranges, a metric or a requirement that are none; where no candidate has a value; and as
+        `judge_controllers`.
+    """
+    low, high = _checked_ranges(ranges)
+    judged = [column.name for column in campaign.columns if column.judged]
+    rules = [MetricLimit.of(text, judged) for text in requirements]
+    known_metric(metric, judged)
+    check_starts(starts)
+
+    def weights(point: np.ndarray) -> dict[str, float]:
+        return dict(zip(ranges, (low ** (1.0 - point) * high**point).tolist(), strict=True))
+
+    def controller_at(point: np.ndarray) -> Controller | None:
+        try:
+            return controller_of(weights(point))
+        except FlexhinfError:
+            return None
+
+    def sizes(points: np.ndarray) -> np.ndarray:
+        controllers = [controller_at(point) for point in points]
+        known = [k for k, each in enumerate(controllers) if each is not None]
+        found = np.full(len(points), -math.inf)
+        if known:
+            some = [each for each in controllers if each is not None]
+            found[known] = -_worst(judge_controllers(campaign, some, device), metric, rules)
+        return found
+
+    own = _worst(judge_controllers(campaign, [campaign.loop.controller], device), metric, rules)
+    generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
+    some = np.vstack([np.full((1, len(low)), 0.5), generator.random((starts - 1, len(low)))])
+    best = climb(sizes, some, lambda tried, best: progress(tried, -best))
+    refuse_if(
+        best.value == -math.inf,
+        "No weights were found.",
+        f"expected a law of which every sample comes to its end and keeps {list(requirements)}, got none of "
+        f"{best.evaluations} candidates",
+        "wider ranges, more starts, or other requirements",
+    )
+    found = weights(best.point)
+    return SearchedWeights(found, controller_of(found), -best.value, float(own[0]), best.evaluations)
+
+
+def _worst(found: Mapping[str, np.ndarray], metric: str, rules: Sequence[MetricLimit]) -> np.ndarray:
+    """Largest value (L,) of a metric of all samples that are run; infinite where one has none or misses a rule."""
+    run = found["status"] != NOT_RUN
+    fails = run & ((found["status"] != COMPLETED) | np.isnan(found[metric]))
+    for rule in rules:
+        fails |= run & ~rule.met(found[rule.metric])
+    values = np.where(run, found[metric], -math.inf).max(axis=1)
+    return np.where(fails.any(axis=1) | ~run.any(axis=1), math.inf, values)
+
+
+def _checked_ranges(ranges: Mapping[str, tuple[float, float]]) -> np.ndarray:
+    """Smallest and largest values (2, d) of weights; others than finite ones above zero are refused."""
+    for name, ends in ranges.items():
+        numbers = real_array(ends)
+        if numbers.shape != (2,) or not 0.0 < numbers[0] <= numbers[1] < math.inf:
+            raise InvalidInput(
+                f"The range of the weight {name!r} is not usable.",
+                f"expected finite 0 < low <= high, got {value_text(ends)}",
+                f"{{{name!r}: (1.0, 100.0)}}",
+            )
+    refuse_if(
+        not ranges,
+        "There is no weight to search.",
+        "expected at least one range by name, got none",
+        "{'link_position': (1.0, 100.0)}",
+    )
+    return np.array([*ranges.values()], dtype=float).T

@@ -307,8 +307,11 @@ def loop_program(
     delayed = code.channel.delay > 0 if options is None else options.delayed
     x, held = b.whole("x", sizes["x"], "state"), b.whole("held", sizes["u"], "state")
     u = b.whole("u", sizes["u"], "work" if many else "state")
-    one_law = options is not None and not options.own_law
-    memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", one_law)
+    shared_law = options is not None and not options.own_law
+    memory, data = (
+        b.whole("memory", sizes["memory"], "state"),
+        b.whole("data", sizes["data"], "in", shared_law),
+    )
     truth = b.whole("truth", 1 + sizes["parameters"], "in")
     command = b.row("reference", sizes["r"], "in", many)
     ahead = controller.mode.command_lead * sizes["r"]
