@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from flexhinf.analysis import DiscreteSystem
+from flexhinf.analysis.linear_loop import Modes
 
 
 def lag(pole: float) -> DiscreteSystem:
@@ -102,3 +103,20 @@ def test_an_unstable_system_has_no_norm() -> None:
     norm, at = lag(1.01).norm()
     assert np.isinf(norm)
     assert np.isnan(at)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 60.0])
+def test_the_damping_of_many_loops_at_once_is_that_of_each(limit: float) -> None:
+    """Loops that grow, that are gone within a sample, drift, or oscillate below and above the limit."""
+    rng, b = np.random.default_rng(7), np.zeros((6, 1))
+    loops = rng.normal(size=(60, 6, 6)) * np.geomspace(1e-2, 0.6, 60)[:, None, None]
+    loops[:30] += 0.7 * np.eye(6)
+    each = [DiscreteSystem(a, b, b.T, np.zeros((1, 1)), 0.01).damping_about(limit) for a in loops]
+    expected = np.array([min(slow, fast if fast < 0.0 else 1.0) for slow, fast in each])
+    multipliers = np.linalg.eigvals(loops).astype(complex)
+    modes = Modes(0.01, np.zeros((60, 6)), multipliers)
+    np.testing.assert_allclose(modes.damping_about(limit), expected, rtol=1e-9)
+    assert len(set(expected.tolist())) > 20
+    assert expected.min() < 0.0 < expected.max()
+    multipliers[3, 0] = np.inf  # no equilibrium
+    assert modes.damping_about(limit)[3] == -np.inf
