@@ -1,6 +1,8 @@
 """A driver of a GPU that runs on this processor: the functions of NVIDIA's that are used, and a card of theirs.
 
 Its memory is this process's. A kernel is the PTX that it is given, as C, which is called for each thread of each block.
+The threads of a warp have stacks of their own. One after the other runs until it waits for the others, forwards or
+`backwards`: where a wait is missing, a thread reads too early in one of the two.
 """
 
 from __future__ import annotations
@@ -22,11 +24,12 @@ SOURCE = r"""
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-typedef void (*kernel_type)(uint64_t table, uint64_t plants, unsigned block, unsigned threads, unsigned thread);
+#include <ucontext.h>
+typedef void (*kernel_type)(uint64_t table, uint64_t plants);
 typedef kernel_type (*loader_type)(const char *ptx);
 typedef uint64_t address;
 loader_type loader;
-int cards = 1, major = 9, refusal = 0, failing = 0, arrays = 0, launches = 0;
+int cards = 1, major = 9, refusal = 0, failing = 0, arrays = 0, launches = 0, backwards = 0, waits = 0;
 size_t unused = (size_t)1 << 30;
 
 int cuInit(unsigned flags) { return cards < 0 ? 100 : 0; }
@@ -59,20 +62,76 @@ int cuModuleLoadDataEx(void **module, const char *ptx, unsigned n, int *options,
     return *module == 0 ? 218 : 0;
 }
 int cuModuleGetFunction(void **kernel, void *module, const char *name) { *kernel = module; return 0; }
+
+enum { WARP = 32, STACK = 1 << 20, MOST = 1 << 16, SURPLUS = 4096 };
+unsigned char memory_of_block[MOST + SURPLUS];
+static unsigned granted = 48 * 1024;
+static ucontext_t scheduler, threads[WARP];
+static char *stacks;
+static int ended[WARP], here, said[2][WARP], turn[WARP], width;
+static struct { kernel_type kernel; uint64_t table, plants; uint32_t block, threads, first; } launched;
+
+int cuFuncSetAttribute(void *kernel, int which, int value) {
+    if (which != 8 || value > MOST) { return 1; }
+    granted = value > (int)granted ? (unsigned)value : granted;
+    return 0;
+}
+uint32_t block_number(void) { return launched.block; }
+uint32_t threads_of_block(void) { return launched.threads; }
+uint32_t thread_number(void) { return launched.first + here; }
+void wait_for_warp(void) { waits++; swapcontext(&threads[here], &scheduler); }
+int any_of_warp(int condition) {
+    int mine = turn[here] ^= 1, found = 0;
+    said[mine][here] = condition;
+    wait_for_warp();
+    for (int k = 0; k < width; ++k) { found |= said[mine][k]; }
+    return found;
+}
+static void run_thread(void) {
+    launched.kernel(launched.table, launched.plants);
+    ended[here] = 1;
+}
+/* Whether all threads waited as often as each other, and ended together. */
+static int run_warp(unsigned count) {
+    int left = width = count;
+    stacks = stacks ? stacks : malloc((size_t)WARP * STACK);
+    for (int k = 0; k < width; ++k) {
+        getcontext(&threads[k]);
+        threads[k].uc_stack.ss_sp = stacks + (size_t)k * STACK;
+        threads[k].uc_stack.ss_size = STACK;
+        threads[k].uc_link = &scheduler;
+        ended[k] = turn[k] = 0;
+        makecontext(&threads[k], run_thread, 0);
+    }
+    while (left == width) {
+        for (int k = 0; k < width; ++k) {
+            here = backwards ? width - 1 - k : k;
+            swapcontext(&scheduler, &threads[here]);
+            left -= ended[here];
+        }
+    }
+    return left == 0;
+}
 int cuLaunchKernel(void *kernel, unsigned gx, unsigned gy, unsigned gz, unsigned bx, unsigned by, unsigned bz,
                    unsigned shared, void *stream, void **values, void **extra) {
     launches++;
+    if (shared > granted) { return 1; }
     for (unsigned block = 0; block < gx; ++block) {
-        for (unsigned thread = 0; thread < bx; ++thread) {
-            ((kernel_type)kernel)(*(uint64_t *)values[0], *(uint64_t *)values[1], block, bx, thread);
+        memset(memory_of_block, 0xff, sizeof memory_of_block);
+        launched.kernel = (kernel_type)kernel;
+        launched.table = *(uint64_t *)values[0];
+        launched.plants = *(uint64_t *)values[1];
+        launched.block = block;
+        launched.threads = bx;
+        for (launched.first = 0; launched.first < bx; launched.first += WARP) {
+            unsigned left = bx - launched.first;
+            if (!run_warp(left < WARP ? left : WARP)) { return 719; }
         }
+        for (unsigned k = 0; k < SURPLUS; ++k) { if (memory_of_block[shared + k] != 0xff) { return 700; } }
     }
     return 0;
 }
 """
-
-_LOADER = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)
-
 
 #: Of no rounding that is not written.
 FLAGS = ("-O1", "-ffp-contract=off", "-shared", "-fPIC")
@@ -90,7 +149,7 @@ class StandIn:
             pytest.skip("missing: a C compiler")
         self._compiler, self._folder = found, folder
         self.path = self._compiled("driver", SOURCE)
-        self.library = ctypes.CDLL(str(self.path))
+        self.library = ctypes.CDLL(str(self.path), mode=ctypes.RTLD_GLOBAL)  # for the kernels
         self._kernels = dict[str, ctypes.CDLL]()
         self._loader = _LOADER(self._load)
         ctypes.c_void_p.in_dll(self.library, "loader").value = ctypes.cast(
@@ -128,7 +187,7 @@ def on_stand_in(stand_in: StandIn, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     """The card of this process is one of that driver; at the end nothing is left in its memory."""
     card = cuda.Card(cuda.Driver(str(stand_in.path)))
     monkeypatch.setattr(cuda, "card", lambda: card)
-    before = {name: stand_in[name] for name in ("cards", "major", "refusal", "failing", "arrays")}
+    before = {name: stand_in[name] for name in ("cards", "major", "refusal", "failing", "arrays", "backwards")}
     yield stand_in
     left = stand_in["arrays"]
     for name, value in before.items():

@@ -17,6 +17,10 @@ static double D(uint64_t bits) { both x; x.bits = bits; return x.number; }
 static uint64_t B(double number) { both x; x.number = number; return x.bits; }
 static uint64_t load(uint64_t place, int size) { uint64_t x = 0; memcpy(&x, (void *)place, size); return x; }
 static void store(uint64_t place, uint64_t x, int size) { memcpy((void *)place, &x, size); }
+uint32_t block_number(void), thread_number(void), threads_of_block(void);
+void wait_for_warp(void);
+int any_of_warp(int condition);
+extern unsigned char memory_of_block[];
 #define UNORDERED(a, b) (isnan(D(a)) || isnan(D(b)))
 """
 
@@ -44,7 +48,7 @@ RULES = {
         "sub": "{a} - {b}",
         "mul.lo": "{a} * {b}",
         "mad.lo": "{a} * {b} + {c}",
-        "mul.hi": "(uint64_t)(((unsigned __int128){a} * {b}) >> 64)",
+        "mul.hi": "(uint64_t)(((unsigned __int128)({s}){a} * (unsigned __int128)({s}){b}) >> {n})",
         "mul.wide": "(uint64_t)({s}){a} * (uint64_t)({s}){b}",
         "neg": "0 - {a}",
         "abs": "({s}){a} < 0 ? 0 - {a} : {a}",
@@ -77,7 +81,7 @@ CONVERSIONS = {
 
 _COMPARED = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
 _SIGNED = {"16": "int16_t", "32": "int32_t", "64": "int64_t"}
-_SPECIAL = {"%ctaid.x": "ctaid", "%ntid.x": "ntid", "%tid.x": "tid"}
+_SPECIAL = {"%ctaid.x": "block_number()", "%ntid.x": "threads_of_block()", "%tid.x": "thread_number()"}
 _REGISTERS = {"pred": "int", "b16": "uint16_t", "b32": "uint32_t", "b64": "uint64_t"}
 
 _FUNCTION = re.compile(
@@ -91,9 +95,10 @@ _GLOBAL = re.compile(
 
 
 def in_c(ptx: str) -> str:
-    """C of all functions; an entry has the indices of block and thread as further arguments."""
+    """C of all functions; what a thread knows of its block and of the others are functions of `tests.card`."""
     ptx = re.sub(r"//[^\n]*", "", ptx)
     lines = [HEAD]
+    lines += [f"#define {name} memory_of_block" for name in re.findall(r"^\.extern \.shared .* (\w+)\[\];", ptx, re.M)]
     lines += [
         f"static const unsigned char {name}[{size}] __attribute__((aligned({align}))) = {{{numbers}}};"
         for align, name, size, numbers in _GLOBAL.findall(ptx)
@@ -109,7 +114,6 @@ def in_c(ptx: str) -> str:
 def _head(match: re.Match[str]) -> str:
     given = [f"uint64_t {name}" for name in re.findall(r"(\w+)\s*(?:,|$)", match["given"].strip())]
     entry = match["kind"] == "entry"
-    given += [f"uint32_t {name}" for name in _SPECIAL.values()] if entry else []
     kind = "uint64_t" if match["returned"] else "void"
     return f"{'' if entry else 'static '}{kind} {match['name']}({', '.join(given) or 'void'})"
 
@@ -196,6 +200,13 @@ def _line(name: str, operands: list[str], returns: bool) -> str:
         )
         call = f"{function}{given[0] if given else '()'};"
         return f"{result.strip('() ')} = {call}" if result else call
+    if name in ("bar.warp.sync", "vote.sync.any.pred"):  # of all threads of a warp
+        assert operands[-1] == "-1", name
+        return (
+            "wait_for_warp();"
+            if first == "bar"
+            else f"{_value(operands[0])} = any_of_warp({_value(operands[1])});"
+        )
     if first in ("ld", "st"):
         return _moved(first, kinds, operands)
     if first == "cvta":
@@ -235,11 +246,10 @@ def _rule(first: str, kinds: list[str]) -> str:
         past = f"({signed}){{a}} >> ({last})" if kind[0] == "s" else "0"
         return f"{{b}} >= {{n}} ? {past} : ({signed}){{a}} >> {{b}}"
     if kind == "pred":
-        return {"and": "{a} && {b}", "or": "{a} || {b}", "xor": "{a} != {b}", "not": "!{a}"}[first]
+        return {"mov": "{a}", "and": "{a} && {b}", "or": "{a} || {b}", "xor": "{a} != {b}", "not": "!{a}"}[first]
     long = ".".join([first, *kinds[:-1]])
     found = RULES["integer"].get(long)
     assert found is not None, f"unknown in PTX: {first}.{kind}"
-    assert long != "mul.hi" or kinds[-1] == "u64"
     return found
 
 

@@ -24,7 +24,7 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.emit.module import emit_function, emit_normal
+from flexhinf.codegen.emit.function import emit_function, emit_normal
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.codegen.loops import LANES, VECTOR, LoopText, NativeFunction
 from flexhinf.codegen.machine import host

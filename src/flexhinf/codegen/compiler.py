@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar, overload
 
 import numpy as np
 
+from flexhinf.codegen.groups import form_of
 from flexhinf.codegen.memory import aligned, misfit
 from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When
 from flexhinf.errors import InvalidInput, refuse_if
@@ -437,7 +438,7 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
 
 
 def compile_ptx(program: Program, returned: tuple[str, ...], fused: bool | None = None) -> str:
-    """PTX of a program for a GPU, a thread for each run; see `flexhinf.codegen.threads`.
+    """PTX of a program for a GPU, a thread or a warp for each run; see `flexhinf.codegen.threads`.
 
     `returned`: Names of buffers of which elements are returned. `fused`: As for `compile_program`: None for what this
     processor does. Raises Unsupported: as `compile_program`; and for functions of the C library, which no GPU has.
@@ -445,13 +446,13 @@ def compile_ptx(program: Program, returned: tuple[str, ...], fused: bool | None 
     with _compiling(program):
         from flexhinf.codegen import machine
 
-        host, highest = machine.host(), highest_optimisation()
+        host, highest, form = machine.host(), highest_optimisation(), form_of(program)
         once = host.fused if fused is None else fused
 
         def make() -> bytes:
             from flexhinf.codegen.threads import emit_threads
 
-            module = emit_threads(program, returned, once)
+            module = emit_threads(program, returned, once, form)
             if module.library:
                 called = ", ".join(sorted(module.library.values()))
                 what = f"its model calls {called} of the C library"
@@ -459,7 +460,7 @@ def compile_ptx(program: Program, returned: tuple[str, ...], fused: bool | None 
             level = min(machine.level(module.operations), highest)
             return machine.assemble_ptx(str(module), level).encode()
 
-        way = f"{returned} {once} {host.version} {highest}"
+        way = f"{returned} {once} {host.version} {highest} {form}"
         return cached(_parts(program, way, machine.PTX), make).decode()
 
 
@@ -542,6 +543,6 @@ def _version() -> str:
 def emitter_digest() -> str:
     """SHA-256 of the sources that turn a program into LLVM text; empty where there are none to read."""
     here = Path(__file__).parent
-    own = (here / f"{name}.py" for name in ("noise", "operations", "dataflow", "threads"))
+    own = (here / f"{name}.py" for name in ("noise", "operations", "dataflow", "threads", "groups"))
     sources = (*own, *sorted((here / "emit").glob("*.py")))
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

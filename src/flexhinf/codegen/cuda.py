@@ -25,9 +25,10 @@ ON_CPU: Final = 'device="cpu" (--device cpu), which gives the same bits'
 #: The oldest card that PTX is made for, see `flexhinf.codegen.machine.PTX`: its compute capability.
 OLDEST: Final = (7, 5)
 
-#: The driver's numbers of some errors, of attributes of a card, and of options of its assembler.
+#: The driver's numbers of some errors, of attributes of a card and of a kernel, and of options of its assembler.
 _FULL, _NO_CARD, _UNREADABLE = 2, 100, (218, 222)
 _MAJOR, _MINOR = 75, 76
+_SHARED_BYTES = 8
 _ERROR_LOG, _ERROR_LOG_SIZE = 5, 6
 
 #: Bytes of the assembler's messages that are kept.
@@ -153,12 +154,21 @@ class Card:
         self.driver.call("cuModuleGetFunction", ctypes.byref(kernel), module, name.encode())
         return kernel
 
-    def launch(self, kernel: ctypes.c_void_p, threads: int, arguments: Sequence[int]) -> None:
-        """Run a kernel of 64-bit arguments in so many threads, a few more included, and wait for its end."""
+    def launch(
+        self, kernel: ctypes.c_void_p, count: int, arguments: Sequence[int], group: int = 1, shared: int = 0
+    ) -> None:
+        """Run a kernel of 64-bit arguments for so many plants, a few more included, and wait for its end.
+
+        `group`: Threads of a plant; if they are several, a block of threads is one plant's. `shared`: Bytes of memory
+        that a block shares.
+        """
+        block, blocks = (BLOCK, -(-count // BLOCK)) if group == 1 else (group, count)
+        if shared:
+            self.driver.call("cuFuncSetAttribute", kernel, _SHARED_BYTES, shared)
         values = [ctypes.c_uint64(argument) for argument in arguments]
         pointers = (ctypes.c_void_p * len(values))(*map(ctypes.addressof, values))
-        shape = -(-threads // BLOCK), 1, 1, BLOCK, 1, 1
-        self.driver.call("cuLaunchKernel", kernel, *shape, 0, None, pointers, None)
+        shape = blocks, 1, 1, block, 1, 1
+        self.driver.call("cuLaunchKernel", kernel, *shape, shared, None, pointers, None)
         self.driver.call("cuCtxSynchronize")
 
 

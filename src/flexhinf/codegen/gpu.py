@@ -1,4 +1,4 @@
-"""Kernels that run a program for many plants on a GPU, a thread for each: the bits of a kernel in lanes."""
+"""Kernels that run a program for many plants on a GPU, a thread or a warp for each: the bits of a kernel in lanes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from flexhinf.codegen import cuda
 from flexhinf.codegen.compiler import check_counts, check_reach, compile_ptx
+from flexhinf.codegen.groups import form_of
 from flexhinf.codegen.memory import Buffer, misfit
 from flexhinf.codegen.program import Program
 
@@ -61,6 +62,7 @@ class GpuKernel:
 
     def __init__(self, program: Program, returned: Sequence[str], fused: bool | None = None) -> None:
         self.program, self.returned = program, tuple(returned)
+        self.form = form_of(program)
         self.ptx = compile_ptx(program, self.returned, fused)
 
     @cached_property
@@ -105,7 +107,8 @@ class GpuKernel:
         """Bytes of a plant, on the card."""
         long = sum(arrays.sizes[buffer.name] for buffer in self._long)
         begun = sum(column.shape[1] for column in arrays.own.values())
-        return 8 * (2 + long + begun + sum(map(len, places.values())))
+        apart = self.form.size if self.form.apart else 0
+        return 8 * (2 + long + begun + apart + sum(map(len, places.values())))
 
     @property
     def _long(self) -> list[Buffer]:
@@ -123,7 +126,8 @@ class GpuKernel:
         count = len(next(iter(arrays.own.values())))
         with cuda.CardMemory(card) as memory:
             ends = [memory.empty(8 * count) for _ in range(2)]
-            table = [*ends, *counts.values()]
+            apart = memory.empty(8 * count * self.form.size) if self.form.apart else 0
+            table = [*ends, apart, *counts.values()]
             for buffer in self.program.buffers:
                 name, entry = buffer.name, [0] * 6
                 if buffer.shared:
@@ -140,7 +144,8 @@ class GpuKernel:
                 chosen = np.asarray(places[name], dtype=np.int64)
                 found[name] = memory.empty(8 * count * len(chosen))
                 table += found[name], memory.put(chosen), len(chosen)
-            card.launch(kernel, count, (memory.put(np.array(table, dtype=np.uint64)), count))
+            arguments = memory.put(np.array(table, dtype=np.uint64)), count
+            card.launch(kernel, count, arguments, self.form.group, self.form.shared_bytes)
             codes, steps = (memory.get(address, (count,), np.int64) for address in ends)
             shapes = {name: (len(places[name]), count) for name in self.returned}
             returned = {name: memory.get(address, shapes[name]) for name, address in found.items()}

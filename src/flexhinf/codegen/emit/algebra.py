@@ -74,7 +74,11 @@ class Algebra:
                             self._spread(weight, together),
                         )
                         self._store(memory, self._at(k, height, first), product, together)
-            if symmetric:  # left of the diagonal, and across it
+            if (
+                writer.module.group > 1
+            ):  # a column for each thread; of a symmetric one, those up to the diagonal
+                tiles = writer.singly(self._ahead(i, height) if symmetric else columns)
+            elif symmetric:  # left of the diagonal, and across it
                 tiles = chain(writer.turns("0", number, self._side), [(i, height, "")])
             else:
                 tiles = writer.blocks(columns, self._side * max(1, self._side // height))
@@ -85,7 +89,8 @@ class Algebra:
                         total = self._wide(together).real("fadd", total, self._load(plus, cell, together))
                     self._store(target, cell, total, together)
         if symmetric:
-            with writer.loop(str(rows)) as i, writer.loop(i) as j:
+            writer.wait()
+            with writer.part(rows) as i, writer.loop(i) as j:
                 cell = self._at(j, rows, i)
                 self._store(target, cell, self._load(Operand(target), self._at(i, rows, j), 1), 1)
 
@@ -181,15 +186,8 @@ class Algebra:
         wide = self._wide(together)
         pivot = self._load(rows, self._at(j, pitch, j), 1)
         diagonal = self._load(source, self._at(j, n, j), 1)
-        tolerance = writer.lanes.constant(PIVOT_TOLERANCE * n)
-        small = writer.compare(
-            "ole", pivot, writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
-        )
         rounding = self._load(Operand(moved), j, 1)
-        low = writer.real("fneg", writer.real("fmul", rounding, tolerance))
-        singular = writer.joined("and", small, writer.compare("oge", pivot, low))
-        inverse = writer.real("fdiv", writer.lanes.constant(1.0), writer.intrinsic("sqrt", pivot))
-        inverse = self._spread(writer.select(singular, writer.lanes.constant(0.0), inverse), together)
+        inverse = self._spread(self._inverse(pivot, diagonal, rounding, n), together)
         rounding = self._spread(rounding, together)
         blocks = str(pitch // together)
         # Blocks left of the diagonal are computed in vain.
@@ -209,6 +207,18 @@ class Algebra:
                 place = self._at(k, pitch, column)
                 total = wide.multiply_add(spread, value, self._load(rows, place, together))
                 self._store(work, place, total, together)
+
+    def _inverse(self, pivot: str, diagonal: str, rounding: str, n: int) -> str:
+        """The inverse of a pivot's root; zero if the pivot is what rounding has left of the diagonal's element."""
+        writer = self.writer
+        tolerance = writer.lanes.constant(PIVOT_TOLERANCE * n)
+        small = writer.compare(
+            "ole", pivot, writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
+        )
+        low = writer.real("fneg", writer.real("fmul", rounding, tolerance))
+        singular = writer.joined("and", small, writer.compare("oge", pivot, low))
+        inverse = writer.real("fdiv", writer.lanes.constant(1.0), writer.intrinsic("sqrt", pivot))
+        return writer.select(singular, writer.lanes.constant(0.0), inverse)
 
     def polynomial(
         self,

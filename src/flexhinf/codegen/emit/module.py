@@ -13,6 +13,9 @@ one per lane          step (written)
 
 and returns the largest code.
 
+Threads of a GPU that make one run together have one more word, the address of memory in which they pass numbers to each
+other. Columns, and elements of matrices, are shared among them; what has none of these is done by the first thread.
+
 A traced function is one LLVM function: load, compute, store. Of functions that are mapped over the columns of matrices,
 columns are packed into lanes, and unpacked.
 """
@@ -20,20 +23,19 @@ columns are packed into lanes, and unpacked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from functools import partial, reduce
+from collections.abc import Generator, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import zip_longest
 
 import casadi
 
-from flexhinf.codegen.dataflow import Dataflow, joined, read_dataflow
 from flexhinf.codegen.emit.algebra import Algebra, Operand
+from flexhinf.codegen.emit.function import BLOCK, emit_function, emit_normal
+from flexhinf.codegen.emit.group import GroupAlgebra
 from flexhinf.codegen.emit.reflections import Reflections
-from flexhinf.codegen.emit.sines import REACH, is_far
-from flexhinf.codegen.emit.writer import PURE, Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
+from flexhinf.codegen.groups import ONE, Form
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
-from flexhinf.codegen.noise import normal
-from flexhinf.codegen.operations import OPERATIONS, TURNS
 from flexhinf.codegen.program import (
     ENTRY,
     PREFIX,
@@ -58,173 +60,27 @@ from flexhinf.codegen.program import (
 _PLACES = 2
 _SMALL = 200  # operations of a function that is put where it is called
 
-#: Columns of a `Map`, and angles, that travel together in the lanes of a kernel for a single run.
-BLOCK = 8
-
-
-def emit_function(
-    module: ModuleText,
-    name: str,
-    functions: Sequence[casadi.Function],
-    lanes: Lanes,
-    shared: tuple[bool, ...],
-    links: Mapping[int, int] | None = None,
-) -> int:
-    """Add ``void name(in₀, …, out₀, …)`` over pointers to the module: a function, or several as a straight line.
-
-    `lanes`: Numbers that travel together in one element. `shared`: Which arguments hold one number for all lanes.
-    `links`: As for `flexhinf.codegen.dataflow.joined`. Returns number of operations. Raises Unsupported: an operation
-    that is not in the table.
-
-    Every store comes after every load, so a result may overwrite an argument; the pointers carry no
-    ``noalias``.
-
-    A function that has sines is written twice. The first is a straight line without the reduction of far angles, whose
-    calls would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm). If an angle
-    turns out to be too far for it, all is done again by the second. The bits are the same.
-    """
-    flows = [read_dataflow(function, OPERATIONS, module.fused) for function in functions]
-    flow, far = joined(flows, functions, links or {}), ""
-    pointers = ", ".join(
-        [
-            *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
-            *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
-        ]
-    )
-    if any(operation.code in TURNS for operation in flow.operations.values()):
-        far = f"{name}_far"
-        rarely = "noinline cold " if module.gpu else "noinline optnone cold "
-        _define(module, far, pointers, flow, lanes, shared, rarely)
-    _define(module, name, pointers, flow, lanes, shared, far=far)
-    return flow.size
-
-
-def _rule(code: int, near: bool, alone: bool) -> Callable[..., str]:
-    """How an operation is written; `near`: its argument is not far; `alone`: sine and cosine are not both wanted."""
-    kind = OPERATIONS[code]
-    return (near and (kind.alone if alone else kind.near)) or kind.llvm
-
-
-def _define(
-    module: ModuleText,
-    name: str,
-    pointers: str,
-    flow: Dataflow,
-    lanes: Lanes,
-    shared: tuple[bool, ...],
-    attributes: str = "",
-    far: str = "",
-) -> None:
-    """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
-    writer, values, beyond = Writer(module, lanes), dict[int, str](), list[str]()
-    wanted = Counter(op.arguments[0] for op in flow.operations.values() if op.code in TURNS)
-    largest, together = lanes.constant(0.0), writer.packs
-    for straight, turns in _rounds(flow) if far and together else [(list(flow.operations), [])]:
-        for k in straight:
-            operation = flow.operations[k]
-            if operation.code == casadi.OP_CONST:
-                values[k] = lanes.constant(operation.constant)
-            elif operation.code == casadi.OP_INPUT:
-                argument, element = operation.arguments
-                values[k] = writer.load_element(f"%in{argument}", element, shared[argument])
-            else:
-                operands = [values[argument] for argument in operation.arguments]
-                lone = module.choosing and operation.code in TURNS and wanted[operation.arguments[0]] == 1
-                values[k] = _rule(operation.code, bool(far), lone)(writer, *operands)
-                if far and operation.code in TURNS:  # at once, so that no angle is kept for it
-                    largest = writer.larger(writer.intrinsic("fabs", operands[0]), largest)
-        beyond += _emit_turns(writer, flow, turns, values)
-    if far and not together:
-        beyond = [writer.compare("ogt", largest, lanes.constant(REACH[module.fused]))]
-    if far:  # before anything is stored: a result may overwrite an argument
-        some = reduce(partial(writer.joined, "or"), beyond)
-        writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
-        writer.do(f"call void @{far}({pointers})")
-        writer.place("near", "ret void")
-    for result, element, value in flow.outputs:
-        writer.store_element(f"%out{result}", element, values[value])
-    writer.do("ret void")
-    module.define(
-        name, f"define internal void @{name}({pointers}) {attributes}{module.frame} {{", writer.lines
-    )
-
-
-def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
-    """Values by the number of sines and cosines that they wait for, one after the other: first what is neither, then
-    the sines and cosines, which need not wait for each other."""
-    depths, rounds = dict[int, int](), list[tuple[list[int], list[int]]]()
-    for k, operation in flow.operations.items():
-        before = (depths[a] + (flow.operations[a].code in TURNS) for a in operation.operands)
-        depths[k] = max(before, default=0)
-        if depths[k] == len(rounds):
-            rounds.append(([], []))
-        rounds[depths[k]][operation.code in TURNS].append(k)
-    return rounds
-
-
-def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: dict[int, str]) -> list[str]:
-    """Emit sines and cosines that do not wait for each other, `BLOCK` angles in the lanes of one vector: in one run the
-    sigma points of a stage, say. Adds them to the values; returns whether angles are too far for them, of each vector.
-    """
-    beyond, angles = list[str](), list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
-    both = not writer.module.choosing or len({flow.operations[k].code for k in turns}) > 1
-    for first in range(0, len(angles), BLOCK):
-        some = angles[first : first + BLOCK]
-        wide = writer.alike(Lanes(1 << (len(some) - 1).bit_length()))
-        width, real, packed = wide.lanes.width, wide.lanes.real, values[some[0]]
-        if width > 1:
-            packed = "poison"
-            for lane in range(width):  # what is left over repeats the last angle
-                angle = values[some[min(lane, len(some) - 1)]]
-                packed = writer.let(f"insertelement {real} {packed}, double {angle}, i64 {lane}")
-        beyond.append(wide.any(is_far(wide, packed)))
-        found = dict[int, str]()
-        for k in turns:
-            code, (angle,) = flow.operations[k].code, flow.operations[k].arguments
-            if angle not in some:
-                continue
-            if code not in found:
-                found[code] = _rule(code, True, not both)(wide, packed)
-            values[k] = found[code]
-            if width > 1:
-                values[k] = writer.let(f"extractelement {real} {found[code]}, i64 {some.index(angle)}")
-    return beyond
-
-
-def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
-    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
-
-    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
-    seed, likewise.
-    """
-    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
-    whole, real = lanes.integer, lanes.real
-    if full not in caller.module.definitions:
-        writer = Writer(caller.module, lanes)
-        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
-        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
-        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
-        caller.module.define(
-            full, f"define internal {real} @{full}({arguments}) noinline {PURE} {{", writer.lines
-        )
-    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
-    return caller.let(f"call {real} @{full}({numbers})")
-
 
 def emit_module(
-    program: Program, lanes: int, fused: bool = True, choosing: bool = True, gpu: bool = False
+    program: Program,
+    lanes: int,
+    fused: bool = True,
+    choosing: bool = True,
+    gpu: bool = False,
+    form: Form = ONE,
 ) -> ModuleText:
     """Write the LLVM module of a program: its text, and the names to link it with.
 
-    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`, `gpu`: As of `ModuleText`; they change no bit. Raises
-    Unsupported: A traced function holds an operation that is not in the table.
+    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`, `gpu`: As of `ModuleText`; they change no bit, and
+    nor does `form`: Threads of a GPU for a run. Raises Unsupported: A traced function holds an operation that is not in
+    the table.
     """
-    return _Emitter(program, ModuleText(Lanes(lanes), fused, choosing, gpu)).emit()
+    return _Emitter(program, ModuleText(Lanes(lanes), fused, choosing, gpu, form.group), form).emit()
 
 
 class _Emitter:
-    def __init__(self, program: Program, module: ModuleText) -> None:
-        self.program, self.module = program, module
+    def __init__(self, program: Program, module: ModuleText, form: Form) -> None:
+        self.program, self.module, self.form = program, module, form
         self.lanes = self.module.lanes
         self.functions: dict[Hashable, str] = {}
         self.sizes: dict[str, int] = {}
@@ -232,6 +88,7 @@ class _Emitter:
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
         self.single = self.writer.packs  # a kernel for a single run
+        self.algebra = Algebra(self.writer)
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> ModuleText:
@@ -245,14 +102,15 @@ class _Emitter:
             for k, count in enumerate(self.program.counts, len(self.program.buffers))
         }
         self.codes, self.steps = self._word(slots), self._word(slots + width)
+        if self.module.group > 1:
+            writer.thread = writer.let(f"zext i32 {writer.special('tid')} to i64")
+            self.algebra = GroupAlgebra(writer, writer.read("ptr", self._word(slots + 2)))
         writer.write(self.lanes.integer, self.lanes.whole(0), self.codes)
         writer.write(self.lanes.integer, self.lanes.whole(-1), self.steps)
         for buffer in self.program.buffers:
             if buffer.role == "work" and buffer.size is not None and buffer.cleared:
-                name, size = "llvm.memset.p0.i64", 8 * buffer.size * width
-                self.module.declarations[name] = f"declare void @{name}(ptr, i8, i64, i1)"
-                place = f"ptr align 8 {self.pointers[buffer.name]}"
-                writer.do(f"call void @{name}({place}, i8 0, i64 {size}, i1 false)")
+                self._clear(self.pointers[buffer.name], buffer.size)
+        writer.wait()
         self._body(self.program.body, ())
         writer.place("finish", "br label %finish")
         largest = writer.read(self.lanes.integer, self.codes)
@@ -278,35 +136,66 @@ class _Emitter:
     def _word(self, k: int) -> str:
         return self.writer.at("i64", "%context", k)
 
+    def _clear(self, place: str, size: int) -> None:
+        if self.module.group > 1:
+            for k in self.writer.shared_elements(size):
+                self.writer.store_element(place, k, self.lanes.constant(0.0))
+            return
+        name, length = "llvm.memset.p0.i64", 8 * size * self.lanes.width
+        self.module.declarations[name] = f"declare void @{name}(ptr, i8, i64, i1)"
+        self.writer.do(f"call void @{name}(ptr align 8 {place}, i8 0, i64 {length}, i1 false)")
+
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
         for calls, step in _lines(body):
             match step:
-                case Call():
-                    self._calls(calls, turns)
                 case Repeat():
                     self._repeat(step, turns)
                 case When():
                     self._when(step, turns)
-                case Map():
-                    self._map(step, turns)
-                case Sweep():
-                    self._sweep(step, turns)
-                case OuterSum():
-                    self._outer_sum(step, turns)
-                case Polynomial():
-                    self._polynomial(step, turns)
-                case Cholesky():
-                    self._cholesky(step, turns)
-                case Copy():
-                    self._copy(step, turns)
-                case Householder():
-                    self._householder(step, turns)
-                case Residual():
-                    self._residual(step, turns)
-                case Normal():
-                    self._normal(step, turns)
                 case Guard():
                     self._guard(step, turns)
+                case _:
+                    with self._threads(step):
+                        self._simple(calls, step, turns)
+
+    @contextmanager
+    def _threads(self, step: Step) -> Generator[None, None, None]:
+        """Lines of a step for the threads of a group, or for the first one; then they wait for each other. In a sweep
+        each has columns of its own."""
+        if COLUMN in self.pointers:
+            yield
+        elif isinstance(step, Call | Householder | Residual) or _overlaps(step):
+            with self.writer.alone():
+                yield
+            self.writer.wait()
+        else:
+            yield
+            self.writer.wait()
+
+    def _simple(self, calls: Sequence[Call], step: Step, turns: tuple[str, ...]) -> None:
+        match step:
+            case Call():
+                self._calls(calls, turns)
+            case Map():
+                self._map(step, turns)
+            case Sweep():
+                self._sweep(step, turns)
+            case OuterSum():
+                self._outer_sum(step, turns)
+            case Polynomial():
+                self._polynomial(step, turns)
+            case Cholesky():
+                self._cholesky(step, turns)
+            case Copy():
+                self._copy(step, turns)
+            case Householder():
+                self._householder(step, turns)
+            case Residual():
+                self._residual(step, turns)
+            case Normal():
+                self._normal(step, turns)
+            case _:
+                raise TypeError(type(step).__name__)
 
     def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
         end = self.turns[step.count] if isinstance(step.count, str) else str(step.count)
@@ -318,12 +207,14 @@ class _Emitter:
         writer, lanes = self.writer, self.lanes
         flag = writer.load_element(self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
+        writer.wait()  # the body may write there
         with writer.when(wanted):
             self._body(step.body, turns)
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
-        element = str(piece.offset)
+        packing = self.form.packings.get(piece.buffer)
+        element = str(packing.offset(piece.offset) if packing else piece.offset)
         if piece.shift:
             element = writer.let(f"add nsw i64 {element}, {self.turns[piece.shift]}")
         for stride, turn in zip(piece.strides, turns, strict=False):
@@ -370,7 +261,7 @@ class _Emitter:
         )
         name = self._function([step.function], wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
-        for first, left, _ in writer.blocks(step.count, block):
+        for first, left, _ in writer.shares(step.count, block):
             pointers, packed = list[str](), list[tuple[str, Columns, str]]()
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
@@ -442,7 +333,7 @@ class _Emitter:
             memory = self._scratch(wide)
             return matrix, self.writer.at(wide.element, memory, place.offset)
 
-        for first, left, _ in self.writer.blocks(step.count, BLOCK if self.single else 1):
+        for first, left, _ in self.writer.shares(step.count, BLOCK if self.single else 1):
             wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
             for columns, place in step.inputs:
                 matrix, inside = ends(columns, place, first, wide)
@@ -470,16 +361,16 @@ class _Emitter:
         left, right = self._operand(step.left, turns), self._operand(step.right, turns)
         weights, plus = (p and self._operand(p, turns) for p in (step.weights, step.plus))
         operands, target = (left, right, weights, plus), self._address(step.target, turns)
-        Algebra(self.writer).outer_sum(operands, step.count, step.shape, target, step.symmetric)
+        self.algebra.outer_sum(operands, step.count, step.shape, target, step.symmetric)
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
         sizes, target = (step.point.size, step.target.size, step.columns), self._address(step.target, turns)
-        Algebra(self.writer).polynomial(point, table, sizes, step.degrees, target)
+        self.algebra.polynomial(point, table, sizes, step.degrees, target)
 
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
-        Algebra(self.writer).cholesky(source, target, step.order)
+        self.algebra.cholesky(source, target, step.order)
 
     def _householder(self, step: Householder, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
@@ -498,6 +389,10 @@ class _Emitter:
             for element in writer.elements(step.source.size):
                 writer.store_element(target, element, writer.load_element(source, element, shared=True))
             return
+        if self.module.group > 1 and COLUMN not in self.pointers and not _overlaps(step):
+            for element in writer.shared_elements(step.source.size):
+                writer.store_element(target, element, writer.load_element(source, element, shared=False))
+            return
         name = "llvm.memmove.p0.p0.i64"
         self.module.declarations[name] = f"declare void @{name}(ptr, ptr, i64, i1)"
         size = 8 * step.source.size * self.lanes.width
@@ -512,7 +407,10 @@ class _Emitter:
 
         number, key = integer(step.step, 0), [integer(step.key, k) for k in range(step.key.size)]
         target = self._address(step.target, turns)
-        for channel in range(step.target.size):
+        channels = (
+            range(step.target.size) if self.module.group == 1 else writer.shared_elements(step.target.size)
+        )
+        for channel in channels:
             writer.store_element(target, channel, emit_normal(writer, number, channel, key))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
@@ -524,13 +422,13 @@ class _Emitter:
         source, shared = self._address(step.source, turns), self._shared(step.source)
         together = writer.allocate(integer)
         writer.write(integer, lanes.whole(0), together)
-        for element in writer.elements(step.source.size):
+        for element in writer.shared_elements(step.source.size):
             number = writer.load_element(source, element, shared)
             bits = writer.bits(writer.real("fsub", number, number))
             so_far = writer.read(integer, together)
             writer.write(integer, writer.whole("or", so_far, bits), together)
         total = writer.float(writer.read(integer, together))
-        bad = writer.compare("uno", total, total)
+        bad = writer.agreed(writer.compare("uno", total, total))
         failed, go_on = writer.label("failed"), writer.label("on")
         writer.place(failed, f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
         codes = writer.read(integer, self.codes)
@@ -546,6 +444,10 @@ class _Emitter:
         writer.write(integer, steps, self.steps)
         left = writer.any(writer.compare_whole("eq", codes, lanes.whole(0)))
         writer.place(go_on, f"br i1 {left}, label %{go_on}, label %finish")
+
+
+def _overlaps(step: Step) -> bool:
+    return isinstance(step, Copy) and overlap(step.source, step.target)
 
 
 def _lines(body: Sequence[Step]) -> Iterator[tuple[list[Call], Step]]:

@@ -9,7 +9,7 @@ import copy
 import itertools
 import struct
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 
 from flexhinf.codegen.program import PREFIX
@@ -61,13 +61,14 @@ class ModuleText:
     measure of the time to compile. `fused`: Products are fused into sums, for which the target has an instruction.
     `choosing`: To choose between two vectors costs the target less than to compute with both. `gpu`: For a thread of a
     GPU, which has no vectors in which neighbours of a run could travel together, and no stack to align; the entry is a
-    part of a larger function.
+    part of a larger function. `group`: Threads of a GPU that make one run together.
     """
 
     lanes: Lanes
     fused: bool = True
     choosing: bool = True
     gpu: bool = False
+    group: int = 1
     definitions: dict[str, str] = field(default_factory=dict[str, str])
     declarations: dict[str, str] = field(default_factory=dict[str, str])
     library: dict[str, str] = field(default_factory=dict[str, str])
@@ -77,7 +78,9 @@ class ModuleText:
     def frame(self) -> str:
         """Attributes of functions of steps. Vectors on the stack lie in one line of the cache each: those of eight
         lanes took up to twice as long across two."""
-        return "nounwind" if self.gpu else 'nounwind "stackrealign"'
+        if self.gpu:
+            return "nounwind" if self.group == 1 else "nounwind convergent"
+        return 'nounwind "stackrealign"'
 
     def __str__(self) -> str:
         return "\n".join([*self.declarations.values(), *self.definitions.values(), ""])
@@ -91,7 +94,7 @@ class Writer:
     """Body of one function: appends lines, hands out names.
 
     `lanes`: Those of the module by default. `first`, `lines`: Allocations, which belong at the start of the function,
-    and the text after them.
+    and the text after them. `thread`: Number of the thread in its group.
     """
 
     def __init__(self, module: ModuleText, lanes: Lanes | None = None) -> None:
@@ -99,6 +102,7 @@ class Writer:
         self.lanes = module.lanes if lanes is None else lanes
         self.first: list[str] = []
         self.lines: list[str] = []
+        self.thread = "0"
         self._names = itertools.count(1)
 
     @property
@@ -181,6 +185,52 @@ class Writer:
         yield
         self.place(after, f"br label %{after}")
 
+    def special(self, name: str) -> str:
+        """A register of a GPU, such as the number of a thread in its block: an i32."""
+        full = f"llvm.nvvm.read.ptx.sreg.{name}.x"
+        self.module.declarations[full] = f"declare i32 @{full}()"
+        return self.let(f"call i32 @{full}()")
+
+    # Threads of a group, of which each takes some turns ---------------------------------------------------
+    def part(self, end: int | str) -> AbstractContextManager[str]:
+        """A loop over what this thread takes of the integers below `end`: its number, a group further, and so on."""
+        return self.loop(str(end), self.thread, self.module.group)
+
+    def shares(self, size: int, block: int) -> Iterator[tuple[str, int, str]]:
+        """As `blocks`; in a group blocks of one, of which this thread takes some."""
+        return self.blocks(size, block) if self.module.group == 1 else self.singly(size)
+
+    def singly(self, end: int | str) -> Iterator[tuple[str, int, str]]:
+        """What this thread takes of the integers below `end`, as blocks of one."""
+        with self.part(end) as turn:
+            yield turn, 1, turn
+
+    def wait(self) -> None:
+        """Let the threads of a group wait for each other; what one wrote before, all read then."""
+        if self.module.group > 1:
+            name = "llvm.nvvm.bar.warp.sync"
+            self.module.declarations[name] = f"declare void @{name}(i32) convergent nounwind"
+            self.do(f"call void @{name}(i32 -1)")
+
+    @contextmanager
+    def alone(self) -> Generator[None, None, None]:
+        """Lines for the first thread of a group."""
+        if self.module.group == 1:
+            yield
+        else:
+            with self.when(self.let(f"icmp eq i64 {self.thread}, 0")):
+                yield
+
+    def agreed(self, condition: str) -> str:
+        """Whether a condition (an i1) holds in some thread of a group."""
+        if self.module.group == 1:
+            return condition
+        name = "llvm.nvvm.vote.any.sync"
+        self.module.declarations[name] = f"declare i1 @{name}(i32, i1) convergent nounwind"
+        found = self.let(f"call i1 @{name}(i32 -1, i1 {condition})")
+        self.wait()
+        return found
+
     def cases(self, number: str, most: int) -> Iterator[int]:
         """The lines for each case 1, …, most of an integer; nothing is done for others."""
         done = self.label("done")
@@ -212,6 +262,10 @@ class Writer:
                 yield turn
         else:
             yield from map(str, range(size))
+
+    def shared_elements(self, size: int) -> Iterator[str]:
+        """As `elements`; in a group those that this thread takes."""
+        return self.elements(size) if self.module.group == 1 else (turn for turn, *_ in self.singly(size))
 
     def real(self, operation: str, *operands: str | float) -> str:
         """An LLVM operation on floats, such as ``fadd``: names of values, or constants."""
