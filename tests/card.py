@@ -187,7 +187,9 @@ def on_stand_in(stand_in: StandIn, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     """The card of this process is one of that driver; at the end nothing is left in its memory."""
     card = cuda.Card(cuda.Driver(str(stand_in.path)))
     monkeypatch.setattr(cuda, "card", lambda: card)
-    before = {name: stand_in[name] for name in ("cards", "major", "refusal", "failing", "arrays", "backwards")}
+    before = {
+        name: stand_in[name] for name in ("cards", "major", "refusal", "failing", "arrays", "backwards")
+    }
     yield stand_in
     left = stand_in["arrays"]
     for name, value in before.items():

@@ -98,7 +98,10 @@ def in_c(ptx: str) -> str:
     """C of all functions; what a thread knows of its block and of the others are functions of `tests.card`."""
     ptx = re.sub(r"//[^\n]*", "", ptx)
     lines = [HEAD]
-    lines += [f"#define {name} memory_of_block" for name in re.findall(r"^\.extern \.shared .* (\w+)\[\];", ptx, re.M)]
+    lines += [
+        f"#define {name} memory_of_block"
+        for name in re.findall(r"^\.extern \.shared .* (\w+)\[\];", ptx, re.M)
+    ]
     lines += [
         f"static const unsigned char {name}[{size}] __attribute__((aligned({align}))) = {{{numbers}}};"
         for align, name, size, numbers in _GLOBAL.findall(ptx)
@@ -246,7 +249,9 @@ def _rule(first: str, kinds: list[str]) -> str:
         past = f"({signed}){{a}} >> ({last})" if kind[0] == "s" else "0"
         return f"{{b}} >= {{n}} ? {past} : ({signed}){{a}} >> {{b}}"
     if kind == "pred":
-        return {"mov": "{a}", "and": "{a} && {b}", "or": "{a} || {b}", "xor": "{a} != {b}", "not": "!{a}"}[first]
+        return {"mov": "{a}", "and": "{a} && {b}", "or": "{a} || {b}", "xor": "{a} != {b}", "not": "!{a}"}[
+            first
+        ]
     long = ".".join([first, *kinds[:-1]])
     found = RULES["integer"].get(long)
     assert found is not None, f"unknown in PTX: {first}.{kind}"

@@ -16,7 +16,7 @@ from tests.codegen.test_same_bits import draws, of_steps
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.codegen import Buffer, Copy, Program, Slice, compile_program, cuda
+from flexhinf.codegen import Buffer, Copy, Program, Slice, compile_program, cuda, groups
 from flexhinf.codegen.compiler import compile_ptx
 from flexhinf.codegen.gpu import GpuKernel, PlantArrays
 from flexhinf.codegen.threads import KERNEL
@@ -25,9 +25,21 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 PLANTS = 5
 
 
+#: The least numbers of a run that has a warp, and the most that a warp's own memory has room for.
+FORMS = {"thread": (1 << 30, 0), "warp": (0, 1 << 13), "warp_without_memory": (0, 0)}
+
+
 @pytest.mark.ci("compiles a program of each kind of step twice, and as PTX")
-@pytest.mark.usefixtures("unoptimised", "on_stand_in")
-def test_every_kind_of_step_has_the_bits_of_lanes():
+@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.parametrize("form", FORMS)
+def test_every_kind_of_step_has_the_bits_of_lanes(
+    form: str,
+    on_stand_in: StandIn,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """The threads of a warp forwards and backwards: nothing is read before it is there, or after it is gone."""
+    for name, value in zip(("LARGE", "SHARED"), FORMS[form]):
+        monkeypatch.setattr(groups, name, value)
     for name, program in of_steps().items():
         if name == "operations":  # most of them are functions of the C library
             continue
@@ -40,14 +52,19 @@ def test_every_kind_of_step_has_the_bits_of_lanes():
         status = compile_program(program, PLANTS).run({**shared, **lanes})
         written = {b.name: np.arange(b.size or 0) for b in program.buffers if b.role in ("out", "state")}
         sizes = {key: rows.shape[1] for key, rows in own.items()}
-        ended = GpuKernel(program, tuple(written)).run(
-            PlantArrays({}, own, shared, {}, sizes), PLANTS, written
+        kernel = GpuKernel(program, tuple(written))
+        assert (kernel.form.group, kernel.form.apart) == (
+            1 if form == "thread" else 32,
+            FORMS[form] == (0, 0),
         )
-        assert ended.codes.tolist() == np.atleast_1d(status.code).tolist(), name
-        assert ended.steps.tolist() == np.atleast_1d(status.step).tolist(), name
-        for key, found in ended.returned.items():
-            wanted = lanes[key]
-            assert same(found[~np.isnan(wanted)], wanted[~np.isnan(wanted)]).all(), (name, key)
+        for backwards in (0, 1) if kernel.form.group > 1 else (0,):
+            on_stand_in["backwards"] = backwards
+            ended = kernel.run(PlantArrays({}, own, shared, {}, sizes), PLANTS, written)
+            assert ended.codes.tolist() == np.atleast_1d(status.code).tolist(), name
+            assert ended.steps.tolist() == np.atleast_1d(status.step).tolist(), name
+            for key, found in ended.returned.items():
+                wanted = lanes[key]
+                assert same(found[~np.isnan(wanted)], wanted[~np.isnan(wanted)]).all(), (name, key)
 
 
 def test_numbers_that_leave_a_buffer_are_refused_before_a_card_is_looked_for():

@@ -17,8 +17,8 @@ from itertools import accumulate
 import numpy as np
 
 from flexhinf.codegen.emit.algebra import TOGETHER
-from flexhinf.codegen.memory import Buffer, Cholesky, Polynomial, Slice
-from flexhinf.codegen.program import Program, Repeat, Step, When, slices
+from flexhinf.codegen.memory import COLUMN, Cholesky, Polynomial, Slice
+from flexhinf.codegen.program import Program, Repeat, Step, Sweep, When, slices
 
 #: Threads of a warp, which wait for each other at little cost.
 WARP = 32
@@ -108,8 +108,16 @@ def packings(program: Program) -> dict[str, Packing]:
         own = [touch for touch in touched if touch.piece.buffer == buffer.name]
         still = all(not any(touch.piece.strides) and not touch.piece.shift for touch in own)
         if buffer.role == "work" and not buffer.cleared and own and still:
-            found[buffer.name] = _packed(buffer, own)
+            found[buffer.name] = _packed(own)
     return found
+
+
+def column_packing(step: Sweep) -> Packing:
+    """That of the memory of a column, which each thread has."""
+    begun = [_Touch(piece, True, -1, ()) for _, piece in step.inputs]
+    touched = [touch for touch in _touched(step.body, ()) if touch.piece.buffer == COLUMN]
+    ends = [_Touch(piece, False, _length(step), ()) for _, piece in step.outputs]
+    return _packed([*begun, *touched, *ends])
 
 
 @dataclass(frozen=True)
@@ -140,10 +148,10 @@ def _touched(body: Sequence[Step], loops: tuple[tuple[int, int], ...], time: int
 
 
 def _length(step: Step) -> int:
-    return 1 + (sum(map(_length, step.body)) if isinstance(step, Repeat | When) else 0)
+    return 1 + (sum(map(_length, step.body)) if isinstance(step, Repeat | When | Sweep) else 0)
 
 
-def _packed(buffer: Buffer, touched: Sequence[_Touch]) -> Packing:
+def _packed(touched: Sequence[_Touch]) -> Packing:
     """Large blocks first, each to the first place that is free as long as it is needed."""
     ends: list[list[int]] = []
     for piece in sorted((touch.piece for touch in touched), key=lambda piece: piece.offset):

@@ -44,7 +44,7 @@ class Algebra:
 
     @property
     def _side(self) -> int:  # rows of a tile, and columns of a symmetric one
-        return WIDE if self._single else TILE
+        return WIDE if self._single or self.writer.module.group > 1 else TILE
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
     def outer_sum(
@@ -62,7 +62,8 @@ class Algebra:
         (left, right, weights, plus), (rows, columns), writer = operands, shape, self.writer
         for i, height, number in writer.blocks(rows, self._side):
             factors = left, rows, i
-            if weights is not None:  # w_k l_ki of these rows, (N, height): computed once, for all columns
+            # w_k l_ki of these rows, (N, height): computed once, for all columns
+            if weights is not None and writer.module.group == 1:
                 memory = writer.allocate(f"[{count * height} x {writer.lanes.element}]")
                 factors = Operand(memory), height, "0"
                 with writer.loop(str(count)) as k:
@@ -84,7 +85,7 @@ class Algebra:
                 tiles = writer.blocks(columns, self._side * max(1, self._side // height))
             for j, width, _ in tiles:
                 place = (i, height), (j, width), columns
-                for cell, together, total in self._tile(*place, factors, right, str(count)):
+                for cell, together, total in self._tile(*place, factors, right, str(count), weights=weights):
                     if plus is not None:
                         total = self._wide(together).real("fadd", total, self._load(plus, cell, together))
                     self._store(target, cell, total, together)
@@ -103,12 +104,13 @@ class Algebra:
         right: Operand,
         count: str,
         begun: str = "",
+        weights: Operand | None = None,
     ) -> list[tuple[str, int, str]]:
         """Σ_k<count l_kᵀ r_k, or what is in the matrix `begun` less that, of neighbouring rows and columns.
 
         `rows`, `columns`: The first, and how many. `pitch`: Numbers in a row of the matrix. `factors`: Matrix of l,
-        numbers in its rows, and place of the first in a row. Returns for each vector the place of its first element
-        in the matrix, its length, and its sums.
+        numbers in its rows, and place of the first in a row. `weights`: Of the terms, for threads of a group. Returns
+        for each vector the place of its first element in the matrix, its length, and its sums.
         """
         source, length, start = factors
         vectors = [(self._ahead(columns[0], first), n) for first, n in self._vectors(columns[1])]
@@ -123,6 +125,9 @@ class Algebra:
         with self.writer.loop(count) as k:
             first = self._at(k, length, start)
             left = [self._load(source, self._ahead(first, a), 1) for a in range(rows[1])]
+            if weights is not None and self.writer.module.group > 1:
+                weight = self._load(weights, k, 1)
+                left = [self.writer.real("fmul", factor, weight) for factor in left]
             if begun:
                 left = [self.writer.real("fneg", factor) for factor in left]
             values = [self._load(right, self._at(k, pitch, column), n) for column, n in vectors]

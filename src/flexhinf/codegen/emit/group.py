@@ -11,6 +11,9 @@ from math import factorial
 from flexhinf.codegen.emit.algebra import TOGETHER, Algebra, Operand
 from flexhinf.polynomial import basis
 
+#: Terms of the innermost sum of a polynomial that are written one after the other.
+UNROLLED = 4
+
 
 @dataclass(frozen=True)
 class GroupAlgebra(Algebra):
@@ -133,8 +136,37 @@ class GroupAlgebra(Algebra):
         if chosen == degrees[-1]:
             return start
         place = self._place(start, 1)
+        if chosen + 1 == degrees[-1]:
+            self._last(point, table, (n, columns), rows[chosen + 1], value, begin, place)
+            return self._loaded(place, 1)
         with writer.loop(str(n), begin) as i:
             x = self._load(point, i, 1)
             factor = self._term(point, table, sizes, degrees, rows, value, chosen + 1, i)
             self._add_to(place, x, factor, 1)
         return self._loaded(place, 1)
+
+    def _last(
+        self,
+        point: Operand,
+        table: Operand,
+        sizes: tuple[int, int],
+        rows: str,
+        value: str,
+        begin: str,
+        place: str,
+    ) -> None:
+        """Add the products of the variables from one on with neighbouring rows, some of them without a loop."""
+        writer, (n, columns) = self.writer, sizes
+        row = writer.read("i64", rows)
+        before = writer.let(f"sub nsw i64 {row}, {begin}")  # row of variable 0, had it one
+        writer.write("i64", self._ahead(before, n), rows)
+        full = writer.whole("and", writer.let(f"sub nsw i64 {n}, {begin}"), -UNROLLED)
+        end = writer.let(f"add nsw i64 {begin}, {full}")
+        for first, last, step in ((begin, end, UNROLLED), (end, str(n), 1)):
+            with writer.loop(last, first, step) as i:
+                x = writer.at("double", point.pointer, i)
+                first_row = writer.let(f"add nsw i64 {before}, {i}")
+                coefficient = writer.at("double", table.pointer, self._at(first_row, columns, value))
+                for k in range(step):
+                    factor = self._load(Operand(coefficient), str(k * columns), 1)
+                    self._add_to(place, self._load(Operand(x), str(k), 1), factor, 1)

@@ -34,7 +34,7 @@ from flexhinf.codegen.emit.function import BLOCK, emit_function, emit_normal
 from flexhinf.codegen.emit.group import GroupAlgebra
 from flexhinf.codegen.emit.reflections import Reflections
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
-from flexhinf.codegen.groups import ONE, Form
+from flexhinf.codegen.groups import ONE, Form, column_packing
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     ENTRY,
@@ -80,7 +80,7 @@ def emit_module(
 
 class _Emitter:
     def __init__(self, program: Program, module: ModuleText, form: Form) -> None:
-        self.program, self.module, self.form = program, module, form
+        self.program, self.module, self.packings = program, module, dict(form.packings)
         self.lanes = self.module.lanes
         self.functions: dict[Hashable, str] = {}
         self.sizes: dict[str, int] = {}
@@ -213,8 +213,7 @@ class _Emitter:
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
-        packing = self.form.packings.get(piece.buffer)
-        element = str(packing.offset(piece.offset) if packing else piece.offset)
+        element = str(self._offset(piece))
         if piece.shift:
             element = writer.let(f"add nsw i64 {element}, {self.turns[piece.shift]}")
         for stride, turn in zip(piece.strides, turns, strict=False):
@@ -222,6 +221,10 @@ class _Emitter:
                 element = writer.let(f"add nsw i64 {element}, {writer.let(f'mul nsw i64 {turn}, {stride}')}")
         kind = "double" if self._shared(piece) else self.lanes.element
         return writer.at(kind, self.pointers[piece.buffer], element)
+
+    def _offset(self, piece: Slice) -> int:
+        packing = self.packings.get(piece.buffer)
+        return packing.offset(piece.offset) if packing else piece.offset
 
     def _shared(self, piece: Slice) -> bool:
         columns = COLUMN in self.pointers and self.single  # in a sweep of a single run, the lanes are columns
@@ -331,8 +334,10 @@ class _Emitter:
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
             matrix = self._column(columns, self._address(columns.whole, turns), first, columns.moves[1])
             memory = self._scratch(wide)
-            return matrix, self.writer.at(wide.element, memory, place.offset)
+            return matrix, self.writer.at(wide.element, memory, self._offset(place))
 
+        if self.module.group > 1:
+            self.packings[COLUMN] = column_packing(step)
         for first, left, _ in self.writer.shares(step.count, BLOCK if self.single else 1):
             wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
             for columns, place in step.inputs:
@@ -350,7 +355,9 @@ class _Emitter:
 
     def _scratch(self, wide: Lanes) -> str:
         if not self.scratch:
-            needed = [step.size for step, _ in self.program.steps() if isinstance(step, Sweep)]
+            sweeps = [step for step, _ in self.program.steps() if isinstance(step, Sweep)]
+            packed = self.module.group > 1
+            needed = [column_packing(step).size if packed else step.size for step in sweeps]
             self.scratch = self.writer.allocate(f"[{max(needed)} x {wide.element}]")
         return self.scratch
 
