@@ -171,7 +171,7 @@ def _value(text: str) -> str:
         return f"0x{text[2:]}ull"
     if re.fullmatch(r"-?\d+", text):
         return f"(uint64_t)({text}ll)" if text != "-9223372036854775808" else "(1ull << 63)"
-    return f"(uint64_t){text}"
+    return f"(uint64_t)&{text}"  # a local array, a constant, or an argument
 
 
 def _place(text: str) -> str:
@@ -293,6 +293,8 @@ def _moved(first: str, kinds: list[str], operands: list[str]) -> str:
     memory, register = (operands[1], operands[0]) if first == "ld" else operands
     if "param" in kinds:
         place = memory.strip("[] ")
+        if place.startswith("%"):  # the address of an argument, chosen among several
+            return f"{_value(register)} = load({_place(memory)}, 8);"
         return f"{_value(register)} = {place};" if first == "ld" else f"{place} = {_value(register)};"
     size = int(re.sub(r"\D", "", kinds[-1])) // 8
     registers = register.strip("{} ").split(",")

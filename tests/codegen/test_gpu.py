@@ -16,7 +16,7 @@ from tests.codegen.test_same_bits import draws, of_steps
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.codegen import Buffer, Copy, Program, Slice, compile_program, cuda, groups
+from flexhinf.codegen import Buffer, Copy, Guard, Program, Repeat, Slice, When, compile_program, cuda, groups
 from flexhinf.codegen.compiler import compile_ptx
 from flexhinf.codegen.gpu import GpuKernel, PlantArrays
 from flexhinf.codegen.threads import KERNEL
@@ -65,6 +65,28 @@ def test_every_kind_of_step_has_the_bits_of_lanes(
             for key, found in ended.returned.items():
                 wanted = lanes[key]
                 assert same(found[~np.isnan(wanted)], wanted[~np.isnan(wanted)]).all(), (name, key)
+
+
+@pytest.mark.ci("compiles a program as PTX, which becomes C")
+@pytest.mark.usefixtures("unoptimised")
+def test_a_warp_agrees_on_a_flag_that_is_overwritten_and_on_one_number_that_is_not_finite(
+    on_stand_in: StandIn,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(groups, "LARGE", 0)
+    flag, after = Slice("x", 0, 1), Slice("x", 71, 1)
+    rare = When(flag, (Copy(Slice("x", 1, 1), flag), Copy(Slice("x", 2, 1), after)))
+    body = (Repeat(2, (rare, Guard(Slice("x", 3, 68), 7), Copy(after, Slice("x", 5, 1)))),)
+    program = Program("agreed", (Buffer("x", 72, "state"),), body)
+    own = np.arange(1.0, 73.0) * np.ones((PLANTS, 1))
+    own[:, 1] = 0.0  # what the flag becomes
+    own[1, 0], own[2, 40], own[4, 70] = 0.0, np.nan, np.inf
+    kernel, alone, runs = GpuKernel(program, ("x",)), compile_program(program), own.copy()
+    codes = [alone.run({"x": run}).code for run in runs]
+    for on_stand_in["backwards"] in (0, 1):
+        ended = kernel.run(PlantArrays({}, {"x": own}, {}, {}, {"x": 72}), PLANTS, {"x": np.arange(72)})
+        assert ended.codes.tolist() == codes == [0, 0, 7, 0, 7]
+        np.testing.assert_array_equal(ended.returned["x"].T, runs)
 
 
 def test_numbers_that_leave_a_buffer_are_refused_before_a_card_is_looked_for():

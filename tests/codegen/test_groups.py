@@ -54,6 +54,7 @@ def reads(body: Sequence[Step], found: Mapping[str, Packing], begun: Sequence[Sl
     return count
 
 
+@pytest.mark.ci("writes the loop of seven links")
 def test_the_work_of_seven_links_fits_a_warp_and_is_all_there():
     program = seven_links_program()
     form, work = form_of(program), program.buffer("scratch").size
@@ -63,23 +64,23 @@ def test_the_work_of_seven_links_fits_a_warp_and_is_all_there():
     (sweep,) = (step for step, _ in program.steps() if isinstance(step, Sweep))
     column = column_packing(sweep)
     begun = [place for _, place in sweep.inputs]
-    assert reads(sweep.body, {COLUMN: column}, begun) > 1_000
+    assert reads(sweep.body, {COLUMN: column}, begun) > 800
     assert column.size < 0.5 * sweep.size
 
 
-@pytest.mark.parametrize("carried", [False, True])
-def test_what_a_turn_leaves_for_the_next_keeps_its_place(carried: bool):
-    """Blocks of a loop, of a loop inside, of a condition, and one that is written before the loop and read in it."""
+@pytest.mark.parametrize("carried", ["", "from_before", "from_a_turn"])
+def test_what_a_turn_leaves_for_the_next_keeps_its_place(carried: str):
+    """Blocks of a loop, of a loop inside, of a condition, and one of which a turn reads what is from before."""
     x = Slice("x", 0, 4)
     inner = Repeat(3, (moved(work(1), work(2)), moved(work(2), work(1))))
     rare = When(Slice("work", 8, 1), (moved(work(1), work(3)),))
     body = (
-        *((moved(work(4), work(5)),) if carried else ()),
-        moved(work(0), work(1)), inner, rare, moved(work(1), work(4)), moved(work(4), work(6)), moved(work(6), x),
+        moved(work(0), work(1)), inner, rare, *((moved(work(4), work(5)),) if carried else ()),
+        moved(work(1), work(4)), moved(work(4), work(6)), moved(work(6), x),
     )  # fmt: skip
-    begun = (moved(x, work(0)), *((moved(x, work(4)),) if carried else ()))
+    begun = (moved(x, work(0)), *((moved(x, work(4)),) if carried == "from_before" else ()))
     buffers = Buffer("x", 4, "state"), Buffer("work", 28, "work", cleared=False)
-    program = Program("turns", buffers, (*begun, Repeat(5, body), moved(x, work(5))))
+    program = Program("turns", buffers, (*begun, Repeat(5, body)))
     found = packings(program)
-    assert reads(program.body, found) > 0
+    assert reads(program.body, found, (work(4),) if carried == "from_a_turn" else ()) > 0
     assert found["work"].size <= (20 if carried else 16)

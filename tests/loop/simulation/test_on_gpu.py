@@ -9,7 +9,7 @@ from tests.card import on_stand_in, stand_in  # noqa: F401 - fixtures
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.codegen import gpu
+from flexhinf.codegen import gpu, groups, shared
 from flexhinf.codegen.program import Unsupported
 
 pytestmark = pytest.mark.usefixtures("unoptimised", "on_stand_in")
@@ -52,8 +52,15 @@ def assert_same_bits(ensemble, *arguments, **options):
 
 
 @pytest.mark.ci("compiles an ensemble for lanes, and as PTX, which becomes C")
-def test_noise_missing_samples_far_angles_and_divergence_have_the_same_bits(on_stand_in, monkeypatch):  # noqa: F811
+@pytest.mark.parametrize("threads", [1, groups.WARP])
+def test_noise_missing_samples_far_angles_and_divergence_have_the_same_bits(
+    threads,
+    on_stand_in,  # noqa: F811
+    monkeypatch,
+):
     """Seven plants at a time, too, which is all that fits."""
+    monkeypatch.setattr(groups, "LARGE", 0 if threads > 1 else groups.LARGE)
+    monkeypatch.setattr(shared, "_kept", type(shared._kept)())
     names = ("state.angle", "output.encoder", "estimate.speed", "input.torque")
     ensemble = looped(delay=3 * PERIOD).ensemble(
         disturbance={"wind": fh.Step(0.2, at=0.1)}, duration=0.6, kept=names, instants=[0, 7, 30, 60]
@@ -65,10 +72,36 @@ def test_noise_missing_samples_far_angles_and_divergence_have_the_same_bits(on_s
     found = assert_same_bits(ensemble, *arguments, initial_inputs=inputs)
     assert np.flatnonzero(found.codes).tolist() == [TORN]
     assert np.isfinite(found.kept[FAR, :, 0]).all()
-    launched = on_stand_in["launches"]
+    launched, waited = on_stand_in["launches"], on_stand_in["waits"]
     monkeypatch.setattr(gpu, "MOST_PLANTS", 7)
     assert_same_bits(ensemble, *arguments, initial_inputs=inputs)
     assert on_stand_in["launches"] == launched + 3
+    assert (on_stand_in["waits"] > waited) == (threads > 1)
+
+
+@pytest.mark.ci("compiles seven links for lanes, and as PTX, which becomes C")
+def test_a_warp_makes_a_run_of_seven_links_with_the_same_bits(on_stand_in):  # noqa: F811
+    """Noise, samples that are missing and late, and runs that diverge at once and later; both orders of threads."""
+    robot = fh.load_robot("seven-link")
+    plant, point = robot.plant(), robot.operating_point()[0]
+    law = fh.solve_hji(robot.problem(), gamma=700.0, degree=4)
+    sensors = tuple(
+        fh.Sensor(name, period=1e-3 * (1 + k % 3), delay=1e-3 * (k % 2), noise=1e-5)
+        for k, name in enumerate(plant.outputs)
+    )
+    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, 1e-8, None, point, 1e-6, form="covariance", sensors=sensors)
+    loop = fh.Loop(plant, fh.Controller(law, ukf, 1e-3, latency=0), 1, sensors=sensors)
+    names = (*(f"estimate.{name}" for name in plant.states[::9]), f"input.{plant.inputs[2]}")
+    ensemble = loop.ensemble(duration=0.006, kept=names, instants=[0, 1, 4, 6])
+    truth = plant.parameters.vector() * (1.0 + 1e-3 * np.arange(8)[:, None])
+    states = np.tile(ensemble.start["x"], (8, 1))
+    states[1, 8], states[2, [0, 14]], states[3, [7, 21]] = 1e300, 2.0**31, 1e6
+    for on_stand_in["backwards"] in (0, 1):
+        waited = on_stand_in["waits"]
+        found = assert_same_bits(ensemble, truth, range(8), states)
+        assert found.codes.tolist() == [0, 2, 1, 1, 0, 0, 0, 0]
+        assert len({*found.diverged_at[[1, 2, 3]].tolist()}) > 1
+        assert on_stand_in["waits"] > waited
 
 
 def test_a_model_that_calls_the_c_library_is_refused_by_the_functions_name():
