@@ -12,9 +12,9 @@ single-assignment form with products fused into sums; `emit` and `c` read each f
 target may, see CONTRIBUTING. What an operation is, in NumPy, LLVM and C, and in certificates, is said by `operations`
 alone; of its rows `loops` uses those of arithmetic.
 
-Lines of LLVM are written by `emit.writer`. `emit.module` writes programs by it, `emit.algebra` and `emit.reflections`
-their linear algebra, `emit.sines` sine and cosine, `noise` random numbers, and `loops` its functions. What occurs once
-in one of these, such as a conversion, is a line of its own there.
+Lines of LLVM are written by `emit.writer`. `emit.module` writes programs by it, `emit.function` what is traced,
+`emit.algebra`, `emit.group` and `emit.reflections` their linear algebra, `emit.sines` sine and cosine, `noise` random
+numbers, and `loops` its functions. What occurs once in one of these, such as a conversion, is a line of its own there.
 
 For C, a controller takes one of two ways, by what it is. One that is a single trace has no steps yet: `stages` divides
 its operations into calls, where `recorder` kept the stages of the model. One that is composed has too many: `straight`

@@ -71,7 +71,7 @@ class Form:
 
 
 #: A thread for each run.
-ONE = Form()
+THREAD = Form()
 
 #: The name of the place of what the threads pass to each other; no buffer is called so.
 WORKSPACE = ""
@@ -81,7 +81,7 @@ def form_of(program: Program) -> Form:
     """The form for a program, by its size."""
     own = {buffer.name: buffer.size for buffer in program.buffers if buffer.size and not buffer.shared}
     if sum(own.values()) < LARGE:
-        return ONE
+        return THREAD
     found = packings(program)
     own |= {name: packing.size for name, packing in found.items()}
     ends = [0, *accumulate(own.values())]
@@ -184,12 +184,12 @@ def _needed(begin: int, end: int, touched: Sequence[_Touch]) -> tuple[int, int]:
     A loop needs it all the time if it is touched elsewhere, too, or if a turn reads what one before has written.
     """
     first, last = touched[0].time, touched[-1].time
-    written, carried = np.zeros(end - begin, dtype=bool), False
+    written, from_before = np.zeros(end - begin, dtype=bool), False
     for touch in touched:
         part = written[touch.piece.offset - begin :][: touch.piece.size]
-        carried = carried or not (touch.written or part.all())
+        from_before = from_before or not (touch.written or part.all())
         part[:] |= touch.written
     for loop in {loop for touch in touched for loop in touch.loops}:
-        if carried or any(loop not in touch.loops for touch in touched):
+        if from_before or any(loop not in touch.loops for touch in touched):
             first, last = min(first, loop[0]), max(last, loop[1])
     return first, last

@@ -105,13 +105,13 @@ class GroupAlgebra(Algebra):
         writer, before, rows = self.writer, 0, dict[int, str]()
         left = writer.let(f"sub nsw i64 {n}, {i}")
         for degree in degrees:
-            rest = left  # rows of this degree of variables i, i + 1, …
+            behind = left  # rows of this degree of variables i, i + 1, …
             for k in range(1, degree):
-                rest = writer.let(f"mul nsw i64 {rest}, {self._ahead(left, k)}")
-            rest = writer.let(f"udiv i64 {rest}, {factorial(degree)}")
+                behind = writer.let(f"mul nsw i64 {behind}, {self._ahead(left, k)}")
+            behind = writer.let(f"udiv i64 {behind}, {factorial(degree)}")
             end = before + basis.count(n, degree)
             rows[degree] = writer.allocate("i64")
-            writer.write("i64", writer.let(f"sub nsw i64 {end}, {rest}"), rows[degree])
+            writer.write("i64", writer.let(f"sub nsw i64 {end}, {behind}"), rows[degree])
             before = end
         return rows
 

@@ -34,7 +34,7 @@ from flexhinf.codegen.emit.function import BLOCK, emit_function, emit_normal
 from flexhinf.codegen.emit.group import GroupAlgebra
 from flexhinf.codegen.emit.reflections import Reflections
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
-from flexhinf.codegen.groups import ONE, Form, column_packing
+from flexhinf.codegen.groups import THREAD, Form, column_packing
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     ENTRY,
@@ -67,7 +67,7 @@ def emit_module(
     fused: bool = True,
     choosing: bool = True,
     gpu: bool = False,
-    form: Form = ONE,
+    form: Form = THREAD,
 ) -> ModuleText:
     """Write the LLVM module of a program: its text, and the names to link it with.
 
