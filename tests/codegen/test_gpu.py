@@ -6,6 +6,7 @@ import math
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from flexhinf.codegen.compiler import compile_ptx
 from flexhinf.codegen.gpu import GpuKernel, PlantArrays
 from flexhinf.codegen.threads import KERNEL
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.loop.simulation.ensemble import Ensemble
 
 PLANTS = 5
 
@@ -112,14 +114,17 @@ def paper_program() -> Program:
     return ensemble_program(loop, reference=fh.Step(math.pi / 2), noise=1e-3, duration=1.0)
 
 
-def seven_links_program() -> Program:
+def seven_links() -> fh.Loop:
     """57 sigma points of 28 states, a cubic law of 35."""
     robot = fh.load_robot("seven-link")
     plant, point = robot.plant(), robot.operating_point()[0]
     law = fh.solve_hji(robot.problem(), gamma=700.0, degree=4)
     ukf = fh.UnscentedKalmanFilter(plant, 1e-3, 1e-8, 1e-8, point, 1e-6, form="covariance")
-    loop = fh.Loop(plant, fh.Controller(law, ukf, 1e-3, latency=0), 1)
-    return ensemble_program(loop, noise=1e-5, duration=0.4)
+    return fh.Loop(plant, fh.Controller(law, ukf, 1e-3, latency=0), 1)
+
+
+def seven_links_program() -> Program:
+    return ensemble_program(seven_links(), noise=1e-5, duration=0.4)
 
 
 def assembled(ptx: str, folder: Path, cards: tuple[str, ...] = ("sm_80", "sm_90")) -> None:
@@ -187,19 +192,28 @@ def test_what_a_driver_refuses_is_said_in_three_parts(on_stand_in: StandIn):  # 
     assert on_stand_in["arrays"] == 0
 
 
-@pytest.mark.nightly("needs a GPU; a run of the paper's arm on it, and in lanes")
-def test_a_card_gives_the_bits_of_lanes():
-    try:
-        cuda.card()
-    except FlexhinfError as error:
-        pytest.skip(f"missing: a GPU ({error.what})")
+def paper_runs() -> tuple[Ensemble, list[dict[str, float]]]:
     arm = fh.paper_arm()
     law = fh.solve_hji(arm.problem(), gamma=2 * fh.smallest_gamma(arm.problem()), degree=4)
     ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4, form="covariance")
     loop = fh.Loop(arm.plant(), fh.Controller(law, ukf, 1e-3, latency=0), 1)
-    ensemble = loop.ensemble(reference=fh.Step(math.pi / 2), noise=1e-3, duration=1.0)
     rows = [arm.plant().parameters.known(arm.draw(np.random.default_rng(k))) for k in range(64)]
-    states = np.zeros((64, 4))
+    return loop.ensemble(reference=fh.Step(math.pi / 2), noise=1e-3, duration=1.0), rows
+
+
+def seven_links_runs() -> tuple[Ensemble, list[dict[str, float]]]:
+    return seven_links().ensemble(noise=1e-5, duration=0.1), [{}] * 64
+
+
+@pytest.mark.nightly("needs a GPU; runs of two arms on it, and in lanes")
+@pytest.mark.parametrize("runs", [paper_runs, seven_links_runs])
+def test_a_card_gives_the_bits_of_lanes(runs: Callable[[], tuple[Ensemble, list[dict[str, float]]]]):
+    try:
+        cuda.card()
+    except FlexhinfError as error:
+        pytest.skip(f"missing: a GPU ({error.what})")
+    ensemble, rows = runs()
+    states = np.tile(ensemble.start["x"], (64, 1))
     states[:3, 0] = 3e9, -1e200, 1e308
     cpu, card = (ensemble.run(rows, range(64), states, device=device) for device in ("cpu", "gpu"))
     for name, column in cpu.metrics().items():
