@@ -71,9 +71,9 @@ def emit_module(
 ) -> ModuleText:
     """Write the LLVM module of a program: its text, and the names to link it with.
 
-    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`, `gpu`: As of `ModuleText`; they change no bit, and
-    nor does `form`: Threads of a GPU for a run. Raises Unsupported: A traced function holds an operation that is not in
-    the table.
+    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`, `gpu`: As of `ModuleText`. `form`: Threads of a GPU
+    for a run. These three change no bit. Raises Unsupported: A traced function holds an operation that is not in the
+    table.
     """
     return _Emitter(program, ModuleText(Lanes(lanes), fused, choosing, gpu, form.group), form).emit()
 
@@ -454,7 +454,11 @@ class _Emitter:
 
 
 def _overlaps(step: Step) -> bool:
-    return isinstance(step, Copy) and overlap(step.source, step.target)
+    """Whether it is a copy to where it may not have read yet."""
+    if not isinstance(step, Copy) or step.source.buffer != step.target.buffer:
+        return False
+    moves = {(piece.strides, piece.shift) for piece in (step.source, step.target)}
+    return len(moves) > 1 or overlap(step.source, step.target)
 
 
 def _lines(body: Sequence[Step]) -> Iterator[tuple[list[Call], Step]]:
