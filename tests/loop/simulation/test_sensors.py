@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.builders import PlantBox, forced_pendulum, linear_law
@@ -76,12 +78,14 @@ def test_the_controller_step_by_step_makes_the_same_run(latency):
 
 @pytest.mark.ci("a kernel of lanes")
 @pytest.mark.oracle
-def test_a_black_box_and_an_ensemble_have_the_same_sensors():
-    control = controller()
-    loop = fh.Loop(PLANT, control, sub_steps=PARTS, sensors=SENSORS)
+@pytest.mark.parametrize("delayed", [True, False])
+def test_a_black_box_and_an_ensemble_have_the_same_sensors(delayed):
+    sensors = SENSORS if delayed else [replace(sensor, delay=0.0) for sensor in SENSORS]
+    control = controller(sensors)
+    loop = fh.Loop(PLANT, control, sub_steps=PARTS, sensors=sensors)
     given = {"disturbance": {"wind": 0.2}, "duration": 0.6}
     run = loop.run(**given, seed=5)
-    box = fh.Loop(PlantBox(PLANT, PARTS, [0.3, 0.0]), control, sensors=SENSORS).run(**given, seed=5)
+    box = fh.Loop(PlantBox(PLANT, PARTS, [0.3, 0.0]), control, sensors=sensors).run(**given, seed=5)
     np.testing.assert_allclose(box.signals["output"], run.signals["output"], rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(box.signals["input"], run.signals["input"], rtol=1e-7)
     names = ("output.encoder", "output.gyro", "input.torque")

@@ -345,9 +345,16 @@ def loop_program(
     measure = drop_empty(measure_function(plant, controller, code.channel))
     body.append(Call(measure, (*x, *held, *noise, *truth), y))
     if code.channel.periods:
-        waiting = b.whole("waiting", sum(code.channel.late), "state")
+        count = sum(code.channel.late)
+        waiting = b.whole("waiting", count, "state")
         arrived = drop_empty(
-            trace(code.channel.arrived, sizes["y"], sum(code.channel.late), sizes["y"], name="arrived")
+            trace(
+                lambda *given: code.channel.arrived(*given)[: 2 if count else 1],
+                sizes["y"],
+                count,
+                sizes["y"],
+                name="arrived",
+            )
         )
         body.append(Call(arrived, (*y, *waiting, *b.row("gaps", sizes["y"], "in", many)), (*y, *waiting)))
     body += control
