@@ -148,6 +148,37 @@ def test_a_copy_works_beside_this_process_which_has_its_processor_afterwards():
         os.close(end)
 
 
+def test_what_is_beside_begins_when_a_processor_is_free():
+    go, before = os.pipe(), open_files()
+
+    def late() -> int:
+        os.read(go[0], 1)
+        return os.getpid()
+
+    def let_go() -> int:
+        os.write(go[1], b".")
+        return os.getpid()
+
+    def ended() -> None:
+        let_go()
+        while not flexhinf.copies._free():
+            time.sleep(1e-3)
+
+    with limited_threads(2):
+        with beside(late), beside(os.getpid) as second:
+            assert second() == OWN  # who asks before there is one computes it
+        with beside(late) as first, beside(let_go) as second:
+            assert first() != OWN  # this process does what waits, while it waits itself
+            assert second() == OWN
+        with beside(late) as first, beside(os.getpid) as second:
+            shared_out(lambda k: ended() if k == 2 else k, range(5), compiles=False)
+            assert second() not in (OWN, first())
+    assert open_files() == before
+    assert no_child_is_left()
+    for end in go:
+        os.close(end)
+
+
 def test_a_copy_beside_ends_with_its_context_and_its_error_is_raised_here():
     def failing() -> int:
         raise ValueError(os.getpid())
@@ -164,7 +195,10 @@ def test_a_copy_beside_ends_with_its_context_and_its_error_is_raised_here():
 
 
 def test_where_no_process_can_be_made_everything_is_computed_here(monkeypatch: pytest.MonkeyPatch):
+    asked: list[int] = []
+
     def refused() -> int:
+        asked.append(1)
         raise BlockingIOError
 
     monkeypatch.setattr(flexhinf.copies, "_copied", refused)
@@ -172,4 +206,5 @@ def test_where_no_process_can_be_made_everything_is_computed_here(monkeypatch: p
     with limited_threads(2), beside(os.getpid) as result:
         assert shared_out(lambda k: (k, os.getpid()), range(3)) == [(k, OWN) for k in range(3)]
         assert result() == OWN
+    assert len(asked) == 2  # once for each, and not again before each item
     assert open_files() == before

@@ -17,7 +17,7 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import NoReturn, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 from flexhinf.processors import set_threads, thread_count
 
@@ -40,8 +40,8 @@ _copies_seconds = [0.0]
 #: Copies that live: the threads that receive what they send, and the pipes from which these read.
 _living: dict[int, tuple[threading.Thread, int]] = {}
 
-#: Of these, the ones whose work nobody waits for yet.
-_beside: set[int] = set()
+#: What `beside` has not begun yet, since no processor was free; the oldest first.
+_waiting: list[_Beside[Any]] = []
 
 
 def cpu_seconds() -> float:
@@ -81,36 +81,68 @@ def shared_out(
 def beside(function: Callable[[], Result]) -> Generator[Callable[[], Result]]:
     """A function that gives the result of another one, which a copy computes while this process goes on.
 
-    Meanwhile `shared_out` has one process less. Where there is no copy, the result is computed when it is asked for.
+    It begins when a processor is free, which is asked here and before each item of `shared_out`; meanwhile that has one
+    process less. Where there is no copy, the result is computed when it is asked for.
     """
-    results: dict[int, Result] = {}
-
-    def result() -> Result:
-        if process in _living:
-            _living[process][0].join()
-        if 0 not in results:
-            results[0] = function()
-        return results[0]
-
-    process = 0
+    own = _Beside(function)
     try:
         if thread_count() > 1 and _can_copy():
-            queue = _queue(1)
-            try:
-                process = _begin_copy(lambda _: function(), [None], [range(1)], queue, results)
-            finally:
-                os.close(queue)
-            if process:
-                _beside.add(process)
-        yield result
+            _waiting.append(own)
+            _begin_waiting()
+        yield own.result
     finally:
-        _beside.discard(process)
-        if process in _living:
-            _end(process)
+        own.end()
+
+
+class _Beside(Generic[Result]):
+    """What `beside` computes: waiting, then by a copy or here."""
+
+    def __init__(self, function: Callable[[], Result]) -> None:
+        self._function, self._results, self._process = function, dict[int, Result](), 0
+
+    def begin(self) -> None:
+        """Begin a copy for it; where there is none, it is computed when it is asked for."""
+        queue = _queue(1)
+        try:
+            self._process = _begin_copy(lambda _: self._function(), [None], [range(1)], queue, self._results)
+        finally:
+            os.close(queue)
+
+    def result(self) -> Result:
+        """The result; until a copy has sent it, this process does what waits for a processor."""
+        if self in _waiting:
+            _waiting.remove(self)
+        if self._process in _living:
+            thread, _ = _living[self._process]
+            while thread.is_alive() and _waiting:
+                other = _waiting.pop(0)
+                with suppress(Exception):  # raised again when it is asked for
+                    other.result()
+            thread.join()
+        if 0 not in self._results:
+            self._results[0] = self._function()
+        return self._results[0]
+
+    def end(self) -> None:
+        """End the copy, if there is one."""
+        if self in _waiting:
+            _waiting.remove(self)
+        if self._process in _living:
+            _end(self._process)
 
 
 def _can_copy() -> bool:
     return sys.platform == "linux" and threading.current_thread() is threading.main_thread()
+
+
+def _free() -> int:
+    """Threads that neither this process nor a copy has."""
+    return thread_count() - 1 - sum(thread.is_alive() for thread, _ in _living.values())
+
+
+def _begin_waiting() -> None:
+    while _waiting and _free() > 0:
+        _waiting.pop(0).begin()
 
 
 def _queue(entries: int) -> int:
@@ -167,23 +199,21 @@ def _with_copies(
     queue, own = _queue(len(blocks)), list[int]()
 
     def join(left: int) -> None:
-        """Begin copies for so many blocks: as many as there are threads that nothing else has, or has any more."""
-        busy = sum(_living[process][0].is_alive() for process in _beside)
-        while len(own) < min(thread_count() - busy - 1, left):
-            process = _begin_copy(function, items, blocks, queue, results)
-            if not process:
-                break
-            own.append(process)
+        """Begin what waits, then copies for so many blocks: as many as there are threads that nothing else has, or has
+        any more. Where one is refused, there are no others."""
+        _begin_waiting()
+        while 0 not in own and _free() > 0 and len(own) < min(thread_count() - 1, left):
+            own.append(_begin_copy(function, items, blocks, queue, results))
 
     try:
         join(len(blocks) - 1)
         longest = _do_own(function, items, blocks, queue, begun, results, join)
         end = time.monotonic() + max(_PATIENCE, _LONGER * longest)
-        for process in own:
+        for process in filter(None, own):
             _living[process][0].join(max(0.0, end - time.monotonic()))
     finally:
         os.close(queue)
-        for process in own:
+        for process in filter(None, own):
             _end(process)
 
 

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
@@ -81,10 +81,14 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
     ending = [("report", 2.5)]
-    begun, command, early = cpu_seconds(), reproduce_command(context), pages.EarlyParts()
+    begun, command, early = cpu_seconds(), reproduce_command(context), list[pages.EarlyParts]()
+
+    def meanwhile(evidence: WorkspaceEvidence) -> AbstractContextManager[object]:
+        early.append(pages.EarlyParts())  # pages are loaded only now, while another process computes
+        return early[0].meanwhile(evidence)
 
     def written(result: fh.Design, advice: Advice | None = None) -> None:
-        files = pages.design_files(result, command, request.warnings, ("design.toml",), advice, early)
+        files = pages.design_files(result, command, request.warnings, ("design.toml",), advice, *early)
         files["design.toml"] = pages.design_text(result, request, folder)
         if advice is not None and advice.found is not None and advice.found.change.rigid:
             rigid = request.robot.with_rigid(*advice.found.change.rigid)
@@ -92,7 +96,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
         report.write(folder, files, origins)
 
     with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
-        result = design_with(request.robot, request.specification, progress, early.meanwhile)
+        result = design_with(request.robot, request.specification, progress, meanwhile)
         progress("report")
         keep(folder, other)
         written(result)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +31,8 @@ from flexhinf.design.specification import Specification, is_for_workspace, with_
 from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace import comparison as over
-from flexhinf.design.workspace.design import design_workspace, workspace_stages
-from flexhinf.design.workspace.evidence import LoopOverWorkspace, WorkspaceEvidence
+from flexhinf.design.workspace.design import TOLERATED, Meanwhile, design_workspace, workspace_stages
+from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.preset import selected_law
 from flexhinf.errors import InvalidInput
@@ -42,16 +42,9 @@ from flexhinf.validation import checked_kind, value_text
 Progress = Callable[[str], None]
 
 
-#: Something that is done with a design for a workspace while more is computed of it.
-Meanwhile = Callable[[WorkspaceEvidence], AbstractContextManager[object]]
-
-
 def silent(text: str) -> None:
     """Tell nobody how far a design is."""
 
-
-#: How the step of a design begins that looks at all poses together.
-TOLERATED = "what holds for all poses"
 
 #: Largest number of states for which the rigid law has the design's degree; with more it has degree 2.
 RIGID_STATES = 15
@@ -212,7 +205,7 @@ def design_with(
     """As `design`; of a design for a workspace `meanwhile` is entered while is computed what it tolerates."""
     s, progress = checked_specification(robot, specification), progress or silent
     if is_for_workspace(s):
-        return judged_by(workspace_evidence(robot, s, progress, meanwhile))
+        return judged_by(design_workspace(robot, s, progress, meanwhile=meanwhile))
     return judged_by(pose_evidence(robot, s, progress))
 
 
@@ -225,17 +218,6 @@ def loop_of(robot: Robot, s: Specification, progress: Progress = silent) -> Desi
     linear = LawEvaluation(DESIGN, setup)
     length, target = step_duration(linear, synthesis), synthesis.design_problem.target
     return LoopAtPose(robot, s, setup, length, lambda: in_scenario(linear, length, target, responses.SAMPLES))
-
-
-def workspace_evidence(
-    robot: Robot, s: Specification, progress: Progress, meanwhile: Meanwhile
-) -> WorkspaceEvidence:
-    """A controller for a workspace, what it was judged by, and what it tolerates beyond that."""
-    evidence = design_workspace(robot, s, progress, stability=True)
-    progress(f"{TOLERATED}: margins, and a proof")
-    with meanwhile(evidence):
-        evidence.look_beyond()
-    return evidence
 
 
 def pose_evidence(robot: Robot, s: Specification, progress: Progress) -> PoseEvidence:

@@ -94,16 +94,13 @@ class EarlyParts:
 
     @contextmanager
     def meanwhile(self, evidence: WorkspaceEvidence) -> Generator[None]:
-        """Draw and save them, by another process where there are several."""
-        with TemporaryDirectory() as folder:
-
-            def make() -> tuple[Pictures, list[str]]:
-                return workspace_pictures(evidence), _save(_run_files(_moves_of(evidence)), folder)
-
-            with copies.beside(make) as parts:
-                yield
-                self.pictures, names = parts()
-            self.runs = _contents(names, folder)
+        """Draw and save them, by other processes where there are several."""
+        with (
+            copies.beside(lambda: workspace_pictures(evidence)) as pictures,
+            _saved(_run_files(_moves_of(evidence))) as runs,
+        ):
+            yield
+            self.runs, self.pictures = runs(), pictures()
 
 
 class _Parts(NamedTuple):

@@ -8,7 +8,7 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 from flexhinf.copies import beside, shared_out
@@ -29,7 +29,8 @@ from flexhinf.design.workspace.judgement import (
 )
 from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.preset import proved_requirement, selected_law
-from flexhinf.design.workspace.proof import WorkspaceProof, proved_stability
+from flexhinf.design.workspace.proof import WorkspaceProof
+from flexhinf.design.workspace.robustness import PairResults, pair_results
 from flexhinf.design.workspace.samples import (
     FURTHER,
     GOALS,
@@ -42,7 +43,6 @@ from flexhinf.design.workspace.samples import (
 from flexhinf.design.workspace.search import BANDWIDTHS
 from flexhinf.design.workspace.setup import CornerLoop, MoveArguments, WorkspaceSetup
 from flexhinf.errors import refuse_if
-from flexhinf.modal import ProvedRange
 from flexhinf.robot import Robot, kinematics
 from flexhinf.robot.parameters import PlantValues, per_joint
 from flexhinf.robot.signals import SENSORS, expanded, signal_names
@@ -55,6 +55,12 @@ MARGINS = ("gain_margin", "delay_margin")
 #: About how often a proof says how far it is.
 PROOF_STEPS = 60
 
+#: How the step begins that looks at all poses together.
+TOLERATED = "what holds for all poses"
+
+#: Something that is done with a design while more is computed of it.
+Meanwhile = Callable[[WorkspaceEvidence], AbstractContextManager[object]]
+
 #: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
 Watch = Callable[[Sequence[Requirement]], None]
 
@@ -66,7 +72,7 @@ def design_workspace(
     watch: Watch = lambda lines: None,
     like: WorkspaceEvidence | None = None,
     changed: Collection[str] = (),
-    stability: bool = False,
+    meanwhile: Meanwhile | None = None,
 ) -> WorkspaceEvidence:
     """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
 
@@ -84,8 +90,9 @@ def design_workspace(
     like, changed : WorkspaceEvidence and names of fields, optional
         A design of the same robot whose specification differs in these fields alone. Loops and moves that the search
         finds again are taken from it.
-    stability : bool
-        Whether the pairs are found that are proved to be stable, which takes long, while the law is judged.
+    meanwhile : callable, optional
+        Where it is stated, what the controller tolerates beyond its requirements is computed too, some of it while the
+        law is judged; then this is entered with the design.
 
     Raises
     ------
@@ -97,8 +104,14 @@ def design_workspace(
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
     setup, proof = selected_law(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
-    with beside(lambda: proved_stability(setup)) if stability else nullcontext() as stable:
-        return judged_design(setup, progress, watch, like, changed, proof=proof, stable=stable)
+    if meanwhile is None:
+        return judged_design(setup, progress, watch, like, changed, proof=proof)
+    with pair_results(setup) as pairs:
+        evidence = judged_design(setup, progress, watch, like, changed, proof=proof, pairs=pairs)
+        progress(f"{TOLERATED}: margins, and a proof")
+        with meanwhile(evidence):
+            evidence.look_beyond()
+    return evidence
 
 
 def judged_design(
@@ -109,12 +122,12 @@ def judged_design(
     changed: Collection[str] = (),
     undamped: bool = True,
     proof: WorkspaceProof | None = None,
-    stable: Callable[[], ProvedRange] | None = None,
+    pairs: PairResults | None = None,
 ) -> WorkspaceEvidence:
     """Judge a law at poses and in moves that no search uses; parameters as of `design_workspace`.
 
     `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing. `proof`: of the
-    preset. `stable`: gives the pairs that are proved to be stable, where these are wanted.
+    preset. `pairs`: what holds for all pairs, where it was begun.
     """
     s = setup.specification
     lines = [] if proof is None else [proved_requirement(proof)]
@@ -191,7 +204,7 @@ def judged_design(
         power_on,
         tuple(lines),
         proof,
-        stable and stable(),
+        pairs,
     )
 
 

@@ -15,12 +15,11 @@ from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move, Response
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
-from flexhinf.design.workspace.robustness import Cause, Robustness, remaining_cause, robustness
+from flexhinf.design.workspace.robustness import Cause, PairResults, Robustness, remaining_cause, robustness
 from flexhinf.design.workspace.samples import goals_of
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller, Trajectory
-from flexhinf.modal import ProvedRange
 from flexhinf.notebook import Summarised
 from flexhinf.robot import Robot
 from flexhinf.robot.poses import checked_pose
@@ -102,7 +101,7 @@ class WorkspaceEvidence(Judged, Summarised):
     power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
     requirements: tuple[Requirement, ...]
     proof: WorkspaceProof | None = None  # of the preset `proved`, for what the file states
-    stable: ProvedRange | None = None  # pairs that are proved to be stable, where they were found already
+    pairs: PairResults | None = None  # what holds for all pairs, where that was begun already
 
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, and how many poses and moves were looked at."""
@@ -139,7 +138,7 @@ class WorkspaceEvidence(Judged, Summarised):
     @cached_property
     def robustness(self) -> Robustness:
         """What it tolerates beyond what is required of it."""
-        return robustness(self.setup, self.poses, self.loops, self.undamped[0], self.stable)
+        return robustness(self.setup, self.poses, self.loops, self.undamped[0], self.pairs)
 
     @cached_property
     def remaining_cause(self) -> Cause | None:

@@ -4,7 +4,8 @@ the errors and the stability of pairs."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -14,7 +15,7 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.optimiser import bisected
-from flexhinf.copies import shared_out
+from flexhinf.copies import beside, shared_out
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
 from flexhinf.design.workspace.proof import computed_tolerance, proved_stability
@@ -50,17 +51,34 @@ class Robustness(NamedTuple):
     offsets: np.ndarray
 
 
+class PairResults(NamedTuple):
+    """What holds for all pairs, each by a function that waits for it."""
+
+    stable: Callable[[], ProvedRange]  # pairs that are proved to be stable
+    tolerance: Callable[[], PopovTolerance]  # errors of masses of either sign; computed
+
+
+@contextmanager
+def pair_results(setup: WorkspaceSetup) -> Generator[PairResults]:
+    """Begin both, each by a process of its own as soon as one is free."""
+    with (
+        beside(lambda: proved_stability(setup)) as stable,
+        beside(lambda: computed_tolerance(setup)) as tolerance,
+    ):
+        yield PairResults(stable, tolerance)
+
+
 def robustness(
     setup: WorkspaceSetup,
     poses: np.ndarray,
     judged: Sequence[PoseLoop],
     undamped_loops: Sequence[CornerLoop],
-    stable_pairs: ProvedRange | None = None,
+    pairs: PairResults | None = None,
 ) -> Robustness:
     """Margins at the worst of some poses (N, n), and what holds for every pair.
 
-    `judged` are the loops at these poses, `undamped_loops` those whose springs nothing damps; `stable_pairs` those that
-    are proved to be stable, where they are known.
+    `judged` are the loops at these poses, `undamped_loops` those whose springs nothing damps; `pairs` what holds for
+    all pairs, where it was begun before.
     """
     s, loops = setup.specification, [setup.linear(pose) for pose in poses]
 
@@ -87,8 +105,6 @@ def robustness(
     needs = setup.needs(poses, setup.robot.heaviest)
     at = np.array(setup.workspace.home)
     independent: list[Callable[[], Any]] = [  # about the longest first
-        lambda: stable_pairs or proved_stability(setup),
-        lambda: computed_tolerance(setup),
         undamped,
         lambda: margin("late", LATEST, loops),
         lambda: margin("louder", np.log(LOUDEST), loops),
@@ -96,9 +112,11 @@ def robustness(
         lambda: fastest_vibration(setup, poses),
         lambda: np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     ]
-    proved, tolerance, undamped_delay, delay, louder, softer, fastest, offsets = shared_out(
-        lambda each: each(), independent, compiles=False
-    )
+    with pair_results(setup) if pairs is None else nullcontext(pairs) as own:
+        undamped_delay, delay, louder, softer, fastest, offsets = shared_out(
+            lambda each: each(), independent, compiles=False
+        )
+        tolerance, proved = own.tolerance(), own.stable()
     return Robustness(
         delay,
         undamped_delay,
