@@ -122,6 +122,7 @@ def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path,
     libraries = {
         ("robot/mujoco.py", "mujoco"),
         ("robot/mujoco.py", "mujoco.viewer"),
+        ("processors.py", "scipy.linalg"),
         ("export/ros_node.py", "name"),  # each of `OPTIONAL`
         ("validation.py", "package"),  # `extra_package`: its argument
     }

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+# threadpoolctl has no types.
+from threadpoolctl import threadpool_info, threadpool_limits  # pyright: ignore
+
+import flexhinf as fh
 from flexhinf import processors
-from flexhinf.processors import available, in_threads, limited_threads, thread_count
+from flexhinf.campaign.worst_case import worst_case
+from flexhinf.certify.proof import certify
+from flexhinf.design.advice import advise
+from flexhinf.design.certification import certify_design
+from flexhinf.paper import reproduce
+from flexhinf.paper.settings import PaperSettings
+from flexhinf.processors import available, in_threads, limited_threads, single_blas, thread_count
 
 
 def test_the_environment_and_a_request_limit_the_threads(monkeypatch: pytest.MonkeyPatch):
@@ -82,3 +95,83 @@ def test_threads_give_results_in_order_and_begin_few_before_they_are_needed(thre
         assert [next(results) for _ in range(45)] == [k * k for k in range(5, 50)]
         with pytest.raises(ValueError, match="50"):
             next(results)
+
+
+def blas_threads() -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}  # pyright: ignore
+
+
+class Told(Exception):
+    """The first thing that a call does, with the threads that BLAS has then."""
+
+    def __init__(self, *_: object) -> None:
+        super().__init__(blas_threads())
+
+
+def tell(*_: object) -> None:
+    raise Told
+
+
+class Probe:
+    """A robot, a loop or a solution of which anything is asked."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise Told
+
+    def __fspath__(self) -> str:
+        raise Told
+
+    def __repr__(self) -> str:
+        raise Told
+
+
+ARM = "planar-two-link"
+PROBE: Any = Probe()
+LONG_CALLS: dict[str, Callable[[], object]] = {
+    "design": lambda: fh.design(fh.load_robot(ARM), progress=tell),
+    "compare": lambda: fh.compare(fh.load_robot(ARM), fh.Specification(), progress=tell),
+    "certify_design": lambda: certify_design(PROBE, fh.Specification(), tell, tell),
+    "identify": lambda: fh.identify(PROBE, PROBE),
+    "run_campaign": lambda: fh.run_campaign(PROBE, PROBE, 3),
+    "worst_case": lambda: worst_case(PROBE, "peak_speed"),
+    "certify": lambda: certify(PROBE),
+    "advise": lambda: advise(PROBE, 1.0),
+    "reproduce": lambda: reproduce(PaperSettings(), progress=tell),
+}
+
+
+@pytest.mark.parametrize("call", LONG_CALLS)
+def test_a_long_call_has_one_thread_of_blas_and_then_the_users_number(
+    call: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with threadpool_limits(2, "blas"):
+        with pytest.raises((Told, fh.InvalidInput), match=r"\{1\}"):
+            LONG_CALLS[call]()
+        assert blas_threads() == {2}
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+def test_the_users_number_of_blas_stays_and_comes_back_after_calls_in_several_threads(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    begun, end = threading.Event(), threading.Event()
+
+    @single_blas()
+    def other() -> None:
+        begun.set()
+        end.wait()
+
+    with threadpool_limits(2, "blas"):
+        thread = threading.Thread(target=other)
+        with single_blas(), single_blas():
+            thread.start()
+            begun.wait()
+            assert (blas_threads(), os.environ["OPENBLAS_NUM_THREADS"]) == ({1}, "1")
+        end.set()
+        thread.join()
+        assert blas_threads() == {2}
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+        with single_blas():
+            assert blas_threads() == {2}

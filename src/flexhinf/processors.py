@@ -1,4 +1,10 @@
-"""How many threads to use: of the processors that this process may run on, or as many as were requested."""
+"""How many threads to use: of the processors that this process may run on, or as many as were requested.
+
+BLAS has one of its own, see `single_blas`.
+"""
+
+# threadpoolctl has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -7,7 +13,8 @@ import os
 import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
@@ -21,6 +28,9 @@ MOST_THREADS = 1024
 GROUPS, OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 _requested: list[int] = []
+
+#: How a user states threads of BLAS.
+_BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 
 
 def thread_count() -> int:
@@ -86,6 +96,32 @@ def limited_threads(count: int | None) -> Generator[None]:
         yield
     finally:
         _requested.remove(count)
+
+
+@contextmanager
+def single_blas() -> Generator[None]:
+    """Meanwhile BLAS has one thread, in all of the process and in those that it starts.
+
+    Matrices of a design are small: with two threads of BLAS it takes five times as much CPU time, and longer. What the
+    user states by ``OPENBLAS_NUM_THREADS`` stays. Before NumPy is loaded the variable alone is set, so that its threads
+    never begin.
+    """
+    if _BLAS_THREADS in os.environ:  # by the user, or by a call around this one
+        yield
+        return
+    os.environ[_BLAS_THREADS] = "1"
+    try:
+        with _limited_blas() if "numpy" in sys.modules else nullcontext():
+            yield
+    finally:
+        os.environ.pop(_BLAS_THREADS, None)
+
+
+def _limited_blas() -> AbstractContextManager[object]:
+    from threadpoolctl import threadpool_limits
+
+    import_module("scipy.linalg")  # has a BLAS of its own, which is limited only once it is loaded
+    return threadpool_limits(1, "blas")
 
 
 def in_threads(function: Callable[[Item], Result], items: Iterable[Item], most: int) -> Iterator[Result]:

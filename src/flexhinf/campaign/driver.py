@@ -52,7 +52,7 @@ from flexhinf.codegen import cuda
 from flexhinf.codegen.gpu import Device
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop.simulation.inputs import RunOptions
-from flexhinf.processors import MOST_THREADS, limited_threads, set_threads, thread_count
+from flexhinf.processors import MOST_THREADS, limited_threads, set_threads, single_blas, thread_count
 from flexhinf.validation import extra_package, unknown_name, value_text
 
 if TYPE_CHECKING:
@@ -476,6 +476,7 @@ def begin_worker(threads: int) -> None:
     threading.Thread(target=end_with_the_driver, daemon=True).start()
 
 
+@single_blas()
 def run_campaign(
     loop: Loop,
     draw: Draw | DrawFunction,

@@ -30,6 +30,7 @@ from flexhinf.campaign.samples import Columns, Sample
 from flexhinf.codegen.gpu import Device
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
+from flexhinf.processors import single_blas
 from flexhinf.validation import NotReadable
 
 #: Corners and random points of the first generation, for each search. All corners are run if there are at most so
@@ -122,6 +123,7 @@ class WorstCase:
         return _Generations(campaign, self.metric, self.least, self.sample).plants([self.found.numbers])[0]
 
 
+@single_blas()
 def worst_case(
     campaign: Campaign,
     metric: str,

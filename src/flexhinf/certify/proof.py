@@ -41,6 +41,7 @@ from flexhinf.hinf.linear_part import solve_riccati
 from flexhinf.hinf.sampled import CheckedPenalty, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.processors import single_blas
 from flexhinf.validation import HUGE
 
 _DIRECTIONS = 20_000  # number of rays that estimate the extent of the region
@@ -82,6 +83,7 @@ class NotProved(NumericalFailure):
         )
 
 
+@single_blas()
 def certify(
     solution: ValueFunction,
     gamma: float | None = None,

@@ -45,9 +45,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more. A command that is
     in the middle of compiled code is ended after `_PATIENCE`, as SIGKILL would: files are whole all the same.
     """
-    # A design's matrices are small: threads of BLAS cost it a quarter of its time.
-    if "numpy" not in sys.modules:
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     received: list[int] = []
     # Few objects are in cycles: looking for these as often as by default takes a tenth of the time of imports.
     thresholds = gc.get_threshold()
@@ -56,9 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     backend = os.environ.pop("MPLBACKEND", None)
     with _ended_in_order(received), _every_character():
         try:
-            from flexhinf.cli.commands import run
+            from flexhinf.processors import single_blas
 
-            code = run(arguments)
+            with single_blas():  # before NumPy is loaded
+                from flexhinf.cli.commands import run
+
+                code = run(arguments)
             for stream in _streams():
                 stream.flush()
         except (SystemExit, BrokenPipeError) as error:

@@ -29,6 +29,7 @@ from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
 from flexhinf.options import with_value
+from flexhinf.processors import single_blas
 from flexhinf.robot import Robot
 from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 from flexhinf.robot.signals import SENSORS, expanded, units_of
@@ -156,6 +157,7 @@ class _Ended(Exception):
         self.lines, self.spent = tuple(lines), spent
 
 
+@single_blas()
 def advise(
     design: WorkspaceEvidence,
     seconds: float,

@@ -29,6 +29,7 @@ from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_pen
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant
+from flexhinf.processors import single_blas
 from flexhinf.robot import Robot
 
 #: With more states no disturbance is searched for: one ascent takes minutes.
@@ -147,6 +148,7 @@ class CertifiedDegree:
     box: proved_step.BoxProof | None = None
 
 
+@single_blas()
 def certify_design(
     robot: Robot,
     s: Specification,

@@ -36,6 +36,7 @@ from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.preset import selected_law
 from flexhinf.errors import InvalidInput
+from flexhinf.processors import single_blas
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
 
@@ -196,6 +197,7 @@ def design(
     return design_with(robot, specification, progress)
 
 
+@single_blas()
 def design_with(
     robot: Robot,
     specification: Specification | None,
@@ -481,6 +483,7 @@ def stages(
     return [*found, ("load, move and sampled robots", 1.0), ("payloads", 0.3), ("proof of the region", 1.0)]
 
 
+@single_blas()
 def compare(
     robot: Robot,
     specification: Specification,

@@ -54,6 +54,7 @@ from flexhinf.identification.unknowns import (
 from flexhinf.notebook import Summarised
 from flexhinf.numerals import ends_text, estimate_text, number_text
 from flexhinf.plant import Plant, Sensor
+from flexhinf.processors import single_blas
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.validation import checked_kind, checked_names, real_number, value_text
 
@@ -295,6 +296,7 @@ def _rounded(value: float, width: float) -> float:
     return round(value, max(0, 2 - int(np.floor(np.log10(width)))))
 
 
+@single_blas()
 def identify(
     model: Robot | Plant | str | os.PathLike[str],
     log: LogLike,

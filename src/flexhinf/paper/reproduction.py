@@ -11,6 +11,7 @@ from flexhinf.paper.apart import Apart
 from flexhinf.paper.claims import BY_LENGTH, CLAIMS, NOT_JUDGED
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.settings import PaperSettings
+from flexhinf.processors import single_blas
 from flexhinf.report import Figure, JudgedClaim
 
 #: How many steps of work there are, for a progress bar.
@@ -53,6 +54,7 @@ class Reproduction:
         }
 
 
+@single_blas()
 def reproduce(
     settings: PaperSettings,
     command: Sequence[str] = ("flexhinf", "paper"),
