@@ -8,7 +8,7 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
 from flexhinf.copies import beside, shared_out
@@ -159,12 +159,6 @@ def judged_design(
     corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = known.corner_loops if known else at_corners(corners, True, begun)
     lines += corner_requirements(s, cornered)
-    bare: tuple[tuple[CornerLoop, ...], tuple[CornerLoop, ...]] = ((), ())
-    if known:
-        bare = known.undamped
-    elif undamped:
-        both = at_corners([*[None] * len(poses), *corners], False)
-        bare = both[: len(poses)], both[len(poses) :]
     progress(f"moves between {GOALS} goals")
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal: list[MoveArguments] = [(goals[k : k + 2], None, k) for k in range(GOALS)]
@@ -187,11 +181,21 @@ def judged_design(
     def switched_on() -> Response | None:
         return setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2]))) if others else None
 
+    def undamped_loops() -> tuple[tuple[CornerLoop, ...], tuple[CornerLoop, ...]]:
+        if known or not undamped:
+            return known.undamped if known else ((), ())
+        both = at_corners([*[None] * len(poses), *corners], False)
+        return both[: len(poses)], both[len(poses) :]
+
     watch(lines)
-    with beside(switched_on) as on:
+    # Standstill is judged by a long move, which one process makes.
+    with (
+        beside(undamped_loops) if setup.may_swing else nullcontext(undamped_loops) as loops_undamped,
+        beside(switched_on) as on,
+    ):
         if setup.may_swing:
             lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
-        power_on = on()
+        power_on, bare = on(), loops_undamped()
     return WorkspaceEvidence(
         setup,
         poses,
