@@ -135,6 +135,8 @@ LONG_CALLS: dict[str, Callable[[], object]] = {
     "run_campaign": lambda: fh.run_campaign(PROBE, PROBE, 3),
     "worst_case": lambda: worst_case(PROBE, "peak_speed"),
     "certify": lambda: certify(PROBE),
+    "Design.certificate": lambda: fh.Design.certificate(PROBE),
+    "Design.campaign": lambda: fh.Design.campaign(PROBE, 3),
     "advise": lambda: advise(PROBE, 1.0),
     "reproduce": lambda: reproduce(PaperSettings(), progress=tell),
 }

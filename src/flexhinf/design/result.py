@@ -19,6 +19,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.loop import Controller, ControllerOptions, Trajectory
+from flexhinf.processors import single_blas
 from flexhinf.robot import Robot
 
 if TYPE_CHECKING:
@@ -182,10 +183,12 @@ class Design(Judged, Reported):
         """The run of a planned move with feedforward, from rest at `start` to `goal`, and a rest."""
         return self.loop.move(goal, start)
 
+    @single_blas()
     def certificate(self) -> Certificate | WorkspaceProof:
         """What is proved: a region with its gain, or errors of the model that small motions tolerate."""
         return self.loop.certificate()
 
+    @single_blas()
     def campaign(
         self, samples: int, workers: int = 0, device: Device = "cpu", **options: Unpack[CampaignKeywords]
     ) -> xr.Dataset:
