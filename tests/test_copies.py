@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import flexhinf.copies
-from flexhinf.copies import beside, cpu_seconds, shared_out
+from flexhinf.copies import beside, cached_by_all, cpu_seconds, shared_out
 from flexhinf.processors import limited_threads
 
 pytestmark = pytest.mark.skipif(
@@ -110,6 +110,31 @@ def test_the_time_of_copies_counts():
     os.close(inlet)
     os.close(outlet)
     assert cpu_seconds() - before - (time.process_time() - own) >= 0.02
+
+
+def test_what_a_copy_caches_is_known_here_and_to_the_next_copy():
+    made: list[int] = []
+
+    @cached_by_all(4)
+    def squared(k: int) -> np.ndarray:
+        made.append(k)
+        return np.array(k * k)
+
+    def worked(k: int) -> tuple[int, list[int]]:
+        made.clear()
+        squared(7)
+        return os.getpid(), [*made]
+
+    with limited_threads(2):
+        for expected in ([7], []):
+            with beside(lambda: worked(0)) as copied:
+                process, computed = copied()
+            assert process != OWN
+            assert computed == expected
+    assert worked(0) == (OWN, [])
+    for k in range(4):
+        squared(k)
+    assert worked(0) == (OWN, [7])  # the oldest has given way
 
 
 def test_a_copy_works_beside_this_process_which_has_its_processor_afterwards():

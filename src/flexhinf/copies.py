@@ -17,12 +17,14 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, Generic, NoReturn, TypeVar
+from functools import wraps
+from typing import Any, Generic, NoReturn, ParamSpec, TypeVar
 
 from flexhinf.processors import set_threads, thread_count
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
 
 #: Entries of the queue at most: two bytes each, which a pipe takes at once.
 _ENTRIES = 2000
@@ -39,6 +41,12 @@ _copies_seconds = [0.0]
 
 #: Copies that live: the threads that receive what they send, and the pipes from which these read.
 _living: dict[int, tuple[threading.Thread, int]] = {}
+
+#: Results of each function of `cached_by_all`, by its arguments; how many are kept.
+_caches: list[tuple[dict[object, Any], int]] = []
+
+#: In a copy: results that these have got since its last item, with the places of their caches.
+_cached_here: list[tuple[int, object, Any]] | None = None
 
 #: What `beside` has not begun yet, since no processor was free; the oldest first.
 _waiting: list[_Beside[Any]] = []
@@ -92,6 +100,37 @@ def beside(function: Callable[[], Result]) -> Generator[Callable[[], Result]]:
         yield own.result
     finally:
         own.end()
+
+
+def cached_by_all(most: int) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
+    """A decorator as `functools.lru_cache`, of hashable arguments: what a copy computes is sent with its results, so
+    that this process and later copies have it too."""
+
+    def decorated(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+        place, cache = len(_caches), dict[object, Any]()
+        _caches.append((cache, most))
+
+        @wraps(function)
+        def cached(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+            key = args, *options.items()
+            if (result := cache.get(key)) is None:
+                result = function(*args, **options)
+                _keep(place, key, result)
+            return result
+
+        return cached
+
+    return decorated
+
+
+def _keep(place: int, key: object, result: Any) -> None:
+    cache, most = _caches[place]
+    cache[key] = result
+    if _cached_here is not None:
+        _cached_here.append((place, key, result))
+    with suppress(RuntimeError):  # a thread that receives results adds one at this moment
+        while len(cache) > most:
+            cache.pop(next(iter(cache)), None)
 
 
 class _Beside(Generic[Result]):
@@ -275,6 +314,7 @@ def _be_a_copy(
     others: Sequence[int],
 ) -> NoReturn:
     """Do items of the queue and send their results, then end at once: nothing of the parent's is flushed or closed."""
+    global _cached_here
     try:
         gc.freeze()  # what the parent left is not finalised here
         set_threads(1)
@@ -283,7 +323,8 @@ def _be_a_copy(
         with open(into, "wb") as out:
             for entry in _taken(queue):
                 for k in blocks[entry]:
-                    pickle.dump((k, function(items[k])), out, pickle.HIGHEST_PROTOCOL)
+                    _cached_here = list[tuple[int, object, Any]]()
+                    pickle.dump((k, function(items[k]), _cached_here), out, pickle.HIGHEST_PROTOCOL)
                 out.flush()
     except BaseException:  # the parent does what is missing, and raises what it raises
         os._exit(1)
@@ -295,7 +336,9 @@ def _receive(out: int, results: dict[int, Result]) -> None:
     # an exception is the end, or that of a copy that was killed
     with open(out, "rb", closefd=False) as file, suppress(Exception):
         while True:
-            k, result = pickle.load(file)
+            k, result, found = pickle.load(file)
+            for each in found:
+                _keep(*each)
             results[k] = result
 
 

@@ -19,7 +19,7 @@ where the model is right, an error of the estimate decays with (1 − L(q) H) F(
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT
+from flexhinf.copies import cached_by_all
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.estimation.stationary import (
@@ -287,7 +288,7 @@ class Turned(NamedTuple):
         return rows @ covariance @ rows.T
 
 
-@lru_cache(16)  # the filters of one loop at several poses share it
+@cached_by_all(16)  # the filters of one loop at several poses share it, and those of other laws
 def _table(
     what: str,
     period: float,
