@@ -513,9 +513,8 @@ def rows_of(
             places = np.array(some)
             plants = campaign.plants((), taken(samples, some), seeds=columns["seed"][places])
             kept = np.flatnonzero(columns["sample"][places] < traced)
-            with turn:
-                first = 1 + max(kept[-1:].tolist(), default=-1)
-                result = campaign.ensemble.run(**plants, traced=first, device=device)
+            first = 1 + max(kept[-1:].tolist(), default=-1)
+            result = campaign.ensemble.run(**plants, traced=first, device=device, turn=turn)
             fill_reduced(campaign, columns, places, result, kept)
         runs = campaign.trajectories([indices[k] for k in alone], taken(samples, alone))
         for place in alone:

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import islice
 from typing import Any, NamedTuple, cast, get_args
 
 import numpy as np
@@ -135,6 +137,7 @@ class Ensemble:
         device: Device = "cpu",
         traced: int | None = None,
         controllers: Sequence[Controller] | None = None,
+        turn: AbstractContextManager[object] | None = None,
     ) -> EnsembleResult:
         """Make N runs.
 
@@ -161,6 +164,8 @@ class Ensemble:
             The first runs, whose signals are kept; all by default.
         controllers : N Controllers, optional
             Of each run, which differ from the ensemble's in numbers alone: see `own_laws`.
+        turn : context manager, optional
+            Held from the first run until a thread has none left, for callers that make runs side by side.
 
         Raises
         ------
@@ -175,12 +180,14 @@ class Ensemble:
         few = lanes is None and self._few(plants)
         lanes = LANES if lanes is None else lanes
         recorded = self._room(len(plants), traced)
-        if few:
-            self._alone(plants, threads, recorded)
-        elif device == "gpu":
-            self._on_gpu(plants, recorded)
+        if not few and device == "cpu":
+            self._in_lanes(plants, lanes, threads, recorded, turn=turn)
         else:
-            self._in_lanes(plants, lanes, threads, recorded)
+            with turn or nullcontext():
+                if few:
+                    self._alone(plants, threads, recorded)
+                else:
+                    self._on_gpu(plants, recorded)
         failed = recorded.codes != 0
         diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
         recorded.reduction_memory[:, failed] = np.nan
@@ -279,14 +286,23 @@ class Ensemble:
         threads: int,
         recorded: Recorded,
         disturbances: Disturbances | None = None,
+        turn: AbstractContextManager[object] | None = None,
     ) -> Recorded:
+        works: list[Callable[[], None]] = []
         for rows, number, data in self._arrays(plants, disturbances):
-            kernel = self.kernel(number, lanes, "data" in plants.own)
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
-            queue, count = iter(batches), max(1, min(threads, len(batches)))
-            with ThreadPoolExecutor(count) as pool:
-                for work in [pool.submit(self._work, kernel, data, queue, recorded) for _ in range(count)]:
-                    work.result()
+            work = partial(
+                self._work, self.kernel(number, lanes, "data" in plants.own), data, iter(batches), recorded
+            )
+            works += [work] * min(threads, len(batches))
+        with ThreadPoolExecutor(max(1, min(threads, len(works)))) as pool:
+            with turn or nullcontext():
+                begun = [pool.submit(work) for work in works]
+                # then a thread has nothing left to do, and those of the next turn need not wait for the last one
+                for done in islice(as_completed(begun), max(1, len(begun) - threads + 1)):
+                    done.result()
+            for done in begun:
+                done.result()
         return recorded
 
     def _on_gpu(self, plants: EnsemblePlants, recorded: Recorded) -> None:
