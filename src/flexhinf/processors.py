@@ -16,7 +16,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from importlib import import_module
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -143,3 +146,14 @@ def in_threads(function: Callable[[Item], Result], items: Iterable[Item], most: 
             yield begun.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def once_beside(work: Callable[[], Result]) -> Future[Result]:
+    """What a thread of its own does, for work that waits for the disk."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    pool = ThreadPoolExecutor(1)
+    try:
+        return pool.submit(work)
+    finally:
+        pool.shutdown(wait=False)

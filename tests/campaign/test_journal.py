@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from flexhinf.campaign import (
     Shard,
     drive,
     journal as campaign_storage,
+    merged,
+    merging,
     run_batch,
     run_campaign,
 )
@@ -36,7 +39,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.processors import limited_threads
 
-pytest.importorskip("pyarrow")
+ParquetFile = pytest.importorskip("pyarrow.parquet").ParquetFile
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -102,6 +105,54 @@ def test_order_interruptions_and_shards_leave_the_same_bytes(
         drive(campaign, journal)
     assert table_of(folder) == table_of(whole)
     assert [path.name for path in shards_of(folder)] == [path.name for path in shards_of(whole)]
+
+
+def test_a_table_written_beside_the_runs_has_the_bytes_of_one_merged_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where batches come in another order, and where no memory is left to hold them."""
+    monkeypatch.setattr(merging, "GROUP", 20)
+    campaign, tables = made_campaign(), set[bytes]()
+
+    def backwards(campaign, batches):
+        return in_this_process(campaign, list(batches)[::-1])
+
+    for recent, executor in (
+        (1 << 20, in_this_process),
+        (1 << 20, backwards),
+        (0, in_this_process),
+        (0, backwards),
+    ):
+        monkeypatch.setattr(campaign_storage, "_RECENT", recent)
+        journal = Journal.opened(tmp_path / f"{recent} {executor.__name__}", campaign)
+        drive(campaign, journal, executor=executor)
+        tables.add(table_of(journal.folder))
+        merged(Journal.existing(journal.folder), journal.shards()[0])
+        tables.add(table_of(journal.folder))
+    assert len(tables) == 1
+    assert ParquetFile(tmp_path / "0 backwards" / TABLE).num_row_groups == 2
+
+
+def test_the_manifest_is_on_the_disk_before_the_batches_and_these_before_the_table(
+    tmp_path: Path, loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    published, publish = list[str](), campaign_storage.publish_whole
+
+    def slow(name: str, path: Path) -> None:
+        time.sleep({MANIFEST: 0.3, TABLE: 0.0}.get(path.name, 0.1))
+        publish(name, path)
+        published.append(path.name[:5])
+
+    for module in (campaign_storage, merging):
+        monkeypatch.setattr(module, "publish_whole", slow)
+    memory = run_campaign(loop, tolerances(), 50, seed=1, batch=16, **OPTIONS)
+    begun = run_campaign(loop, tolerances(), 50, seed=1, batch=16, folder=tmp_path / "runs", **OPTIONS)
+    assert published == [MANIFEST[:5], *["batch"] * 4, TABLE[:5]]
+    shards_of(tmp_path / "runs")[1].unlink()
+    continued = run_campaign(loop, tolerances(), 50, seed=1, batch=16, folder=tmp_path / "runs", **OPTIONS)
+    assert published[6:] == ["batch", TABLE[:5]]
+    assert begun.identical(memory)
+    assert continued.identical(memory)
 
 
 def test_damaged_shards_are_found_told_and_run_again(whole: Path, tmp_path: Path) -> None:
@@ -216,11 +267,11 @@ def test_shards_of_several_folders_are_merged(whole: Path, tmp_path: Path) -> No
         assert drive(campaign, journal, shard=Shard(k + 1, 2)) is None
     first, second = journals
     with pytest.raises(InvalidInput, match="complete") as error:
-        first.merge(first.shards()[0])
+        merged(first, first.shards()[0])
     assert "missing: 1, 3" in error.value.found
     assert first.take(second) == 2
     assert first.take(second) == 0
-    first.merge(first.shards()[0])
+    merged(first, first.shards()[0])
     assert table_of(first.folder) == table_of(whole)
     other = made_campaign(seed=9)
     with refused_with(InvalidInput, "another", "seed: 1 → 9"):

@@ -2,7 +2,7 @@
 
 ::
 
-    Draw ─► samples ─► batches ─┬─► driver ─► journal, parquet ─► results ─► CampaignJudgement
+    Draw ─► samples ─► batches ─┬─► driver ─► journal, merging ─► results ─► CampaignJudgement
             Metrics ────────────┘
     box of the tolerances ──────► worst_case ─► WorstCase
 

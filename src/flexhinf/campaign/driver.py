@@ -32,12 +32,9 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Protocol, TypeVar, Unpack
 
-import numpy as np
-
 from flexhinf import __version__
 from flexhinf.campaign.batches import (
     LARGEST_BATCH,
-    TRACED,
     Campaign,
     Rows,
     checked_integer,
@@ -46,8 +43,9 @@ from flexhinf.campaign.batches import (
 )
 from flexhinf.campaign.draws import Draw, DrawFunction
 from flexhinf.campaign.journal import Journal, disk_refusals
+from flexhinf.campaign.merging import GrowingTable
 from flexhinf.campaign.metrics import MetricsLike
-from flexhinf.campaign.results import MergedTable, labelled, merged
+from flexhinf.campaign.results import GatheredRows, MergedTable, merged
 from flexhinf.codegen import cuda
 from flexhinf.codegen.gpu import Device
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
@@ -255,23 +253,31 @@ def drive(
             progress(Report(done, total, fresh, again))
         progress(Report(done, total, fresh))
         journal.clear()
-        with (
-            closing(_run(executor or in_this_process, campaign, missing)) as results,
-            closing(_written(journal, results)) as files,
-        ):
-            for batch, path in files:
-                good[batch] = path
-                fresh += journal.size(batch)
-                progress(Report(done + fresh, total, fresh))
-        if shard.of > 1:
-            good = journal.shards()[0]
-        return None if len(good) < journal.batches else merged(journal, good)
+        with closing(GrowingTable(journal, good)) as table:
+            go_on = table.go_on if shard.of == 1 else _nothing
+            with (
+                closing(_run(executor or in_this_process, campaign, missing)) as results,
+                closing(_written(journal, results, go_on)) as files,
+            ):
+                for batch, path in files:
+                    good[batch] = path
+                    go_on()
+                    fresh += journal.size(batch)
+                    progress(Report(done + fresh, total, fresh))
+            if shard.of > 1:
+                good = journal.shards()[0]
+            return None if len(good) < journal.batches else merged(journal, good, table)
+
+
+def _nothing() -> None:
+    """For a table to which other drivers add batches."""
 
 
 def _written(
-    journal: Journal, results: Iterable[tuple[int, Rows]]
+    journal: Journal, results: Iterable[tuple[int, Rows]], held: Callable[[], None]
 ) -> Generator[tuple[int, Path], None, None]:
-    """Write batches while the next ones run; each with its file, once that is on the disk, in any order.
+    """Write batches while the next ones run; each with its file, once that is on the disk, in any order. `held` is that
+    of `Journal.write`.
 
     Where this ends early, what was taken is written, unless the disk refuses. After a batch for which it waited `LONG`
     nothing is left to write, so that little is lost, and progress is told, where batches take long.
@@ -279,7 +285,7 @@ def _written(
     pool, finished, waiting = ThreadPoolExecutor(WRITERS), SimpleQueue[Future[tuple[int, Path]]](), 0
 
     def write(batch: int, rows: Rows) -> tuple[int, Path]:
-        return batch, journal.write(batch, rows)
+        return batch, journal.write(batch, rows, held)
 
     def next_written() -> tuple[int, Path]:
         nonlocal waiting
@@ -558,10 +564,15 @@ def run_campaign(
     with limited_threads(threads):
         if folder is None:
             return run_in_memory(campaign, executor, progress)
-        journal = Journal.opened(Path(folder), campaign)
-        table = drive(campaign, journal, executor=executor, progress=progress)
-    assert table is not None
-    return table.dataset()
+        journal, gathered = Journal.begun(Path(folder), campaign), GatheredRows(campaign)
+        table = drive(
+            campaign,
+            journal,
+            executor=lambda own, batches: gathered.of(executor(own, batches)),
+            progress=progress,
+        )
+        assert table is not None
+        return table.dataset() if gathered.dataset is None else gathered.dataset
 
 
 def run_in_memory(
@@ -570,17 +581,9 @@ def run_in_memory(
     progress: Callable[[Report], None] = lambda report: None,
 ) -> xr.Dataset:
     """All samples of a campaign, without a journal; the result of `run_campaign`."""
-    parts, done = dict[int, Rows](), 0
-    for index, rows in _run(executor, campaign, range(campaign.batches)):
-        parts[index] = rows
+    gathered, done = GatheredRows(campaign), 0
+    for _, rows in gathered.of(_run(executor, campaign, range(campaign.batches))):
         done += len(rows["sample"])
         progress(Report(done, campaign.samples, done))
-    ordered = [parts[index] for index in range(campaign.batches)]
-    traced = ordered[: -(-TRACED // campaign.batch)]
-    table = {
-        c.name: np.concatenate([part[c.name] for part in traced])[:TRACED]
-        if c.kind == "trace"
-        else np.concatenate([part[c.name] for part in ordered])
-        for c in campaign.columns
-    }
-    return labelled(table, campaign.columns, campaign.time, campaign.settings)
+    assert gathered.dataset is not None
+    return gathered.dataset

@@ -22,11 +22,11 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import chain, count, islice
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -50,7 +50,6 @@ from flexhinf.campaign.manifest import (
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.campaign.parquet import (
     BATCH_FORMAT,
-    TABLE_FORMAT,
     arrow_array,
     numpy_column,
     read_columns,
@@ -58,7 +57,7 @@ from flexhinf.campaign.parquet import (
 )
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import clear_parts, locked, make_durable, note_written, part_file
-from flexhinf.processors import in_threads
+from flexhinf.processors import in_threads, once_beside
 from flexhinf.validation import (
     NotReadable,
     access_to,
@@ -70,6 +69,8 @@ from flexhinf.validation import (
 )
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from pyarrow import Schema, Table
 
 Stored = TypeVar("Stored")
@@ -127,16 +128,13 @@ MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
 _PREFIX, _PREFIXES = ".batch-{:08d}.", r"\.batch-\d{8}\."
 
-#: Largest number of threads that read files; bytes of rows that were just written, and need not be read for the table.
-READERS, _RECENT = 8, 64_000_000
+#: Largest number of threads that check files; bytes of rows that were just written, and need not be read for the table.
+_READERS, _RECENT = 8, 64_000_000
 
 #: Relative tolerance for numbers that are drawn again: processors differ in the last bits of normal numbers.
 _SAME = 1e-9
 
-#: Smallest number of rows of a group in the table.
-_GROUP = 65_536
-
-#: Largest number of changed settings, or of batches, that an error lists.
+#: Largest number of changed settings that an error lists.
 _LISTED = 8
 
 
@@ -211,6 +209,18 @@ class Journal:
 
         InvalidInput as `read`, or if the folder is that of another campaign.
         """
+        journal = Journal.begun(folder, campaign, command, about)
+        journal.wait_for_manifest()
+        return journal
+
+    @staticmethod
+    def begun(
+        folder: str | os.PathLike[str],
+        campaign: Campaign,
+        command: Sequence[str] = (),
+        about: CampaignFacts | None = None,
+    ) -> Journal:
+        """As `opened`, but the manifest of a new one may still be on its way to the disk: `write` waits for it."""
         place = Path(folder).expanduser().absolute()
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
@@ -226,13 +236,21 @@ class Journal:
             extra_package(
                 "pyarrow.parquet", "campaign", "Campaigns on disk need pyarrow, which is not installed."
             )
+            own = campaign.settings, campaign.digest, campaign.columns, campaign.time
+            journal = Journal(place, *own, command, about or {})
             with disk_refusals(place):
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
-                write_whole(place / MANIFEST, sealed({**KIND, **manifest}))
-            own = campaign.settings, campaign.digest, campaign.columns, campaign.time
-            return Journal(place, *own, command, about or {})
+            content = sealed({**KIND, **manifest})
+            journal._manifest = once_beside(lambda: write_whole(place / MANIFEST, content))
+            return journal
         journal.refuse_campaign(campaign)
         return journal
+
+    def wait_for_manifest(self) -> None:
+        """Return when the manifest is on the disk; FlexhinfError if the disk is full or refuses."""
+        if self._manifest is not None:
+            with disk_refusals(self.folder):
+                self._manifest.result()
 
     def refuse_campaign(self, other: Campaign | Journal) -> None:
         """Refuse a campaign other than this one; the message names the differences."""
@@ -261,7 +279,8 @@ class Journal:
         self.samples, self._batch = int(self.settings["samples"]), int(self.settings["batch"])
         self.batches = -(-self.samples // self._batch)
         self.metrics = [column.name for column in self.columns if column.judged]
-        self._recent: dict[Path, Table] = {}
+        self._recent: dict[int, Table] = {}
+        self._manifest: Future[None] | None = None  # its writing, if it was not there
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
@@ -294,30 +313,46 @@ class Journal:
         with disk_refusals(self.folder):
             clear_parts(self.folder / SHARDS, _PREFIXES)
 
-    def write(self, batch: int, rows: Rows) -> Path:
+    def write(self, batch: int, rows: Rows, held: Callable[[], None] = lambda: None) -> Path:
         """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses. Several threads
-        may write batches at a time."""
+        may write batches at a time.
+
+        `held`: Called before, when the rows are held for the table.
+        """
         from pyarrow import BufferOutputStream, Table, parquet
 
         schema, stream = self._schema_of(batch), BufferOutputStream()
         table = Table.from_arrays([arrow_array(rows[name]) for name in schema.names], schema=schema)
+        if len(self._recent) * table.nbytes < _RECENT:
+            traced = batch * self._batch < TRACED
+            self._recent[batch] = table if traced else table.select(self.table_schema.names)
+            held()
         parquet.write_table(table, stream, **BATCH_FORMAT)
         content = memoryview(stream.getvalue())
         digest = hashlib.sha256(content).hexdigest()[:16]
         path = self.folder / SHARDS / f"batch-{batch:08d}-{digest}.parquet"
+        self.wait_for_manifest()
         with disk_refusals(self.folder):
             write_whole(path, content, _PREFIX.format(batch))
         note_written(path.parent, path.parent)
-        if len(self._recent) * table.nbytes < _RECENT:
-            self._recent[path] = (
-                table if batch * self._batch < TRACED else table.select(self._table_schema.names)
-            )
         return path
 
-    def rows(self, path: Path, names: Sequence[str]) -> Table:
-        """Columns of a valid shard, or of the table, as an Arrow table; of one just written, from memory."""
-        table = self._recent.get(path)
-        return read_columns(path, names) if table is None else table.select(list(names))
+    def in_memory(self, batch: int) -> bool:
+        """Whether the rows of a batch are in memory, as those of one just written are while there is room."""
+        return batch in self._recent
+
+    def rows(self, batch: int, shard: Path | None, names: Sequence[str]) -> Table:
+        """Columns of a batch as an Arrow table, from memory or from its valid shard."""
+        table = self._recent.get(batch)
+        if table is not None:
+            return table.select(list(names))
+        assert shard is not None
+        return read_columns(shard, names)
+
+    def let_go(self, batch: int) -> None:
+        """Keep no rows of a batch in memory for the table, unless it has signals of runs."""
+        if batch * self._batch >= TRACED:
+            self._recent.pop(batch, None)
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """Valid shards by batch, and invalid ones with the reason.
@@ -376,7 +411,7 @@ class Journal:
             named = (_SHARD.match(path.name) for path in some)
             batches = [int(match[1]) if match else -1 for match in named]
             expected = self._numbers_of({batch for batch in batches if 0 <= batch < self.batches})
-            yield from zip(some, batches, in_threads(partial(self._wrong, expected=expected), some, READERS))
+            yield from zip(some, batches, in_threads(partial(self._wrong, expected=expected), some, _READERS))
 
     def _numbers_of(self, batches: Collection[int]) -> dict[int, Rows] | ValueError | KeyError:
         """Varied numbers of the samples of batches, drawn at once; none of a user's function, whose code is not in the
@@ -486,8 +521,8 @@ class Journal:
         return row_schema(self.columns, len(self.time))
 
     @cached_property
-    def _table_schema(self) -> Schema:
-        """Arrow schema of the whole table, which has no kept signals."""
+    def table_schema(self) -> Schema:
+        """The Arrow schema of the whole table, which has no kept signals."""
         columns = [column for column in self.columns if column.kind != "trace"]
         return row_schema(columns, 0).with_metadata({"campaign": self.digest})
 
@@ -497,7 +532,7 @@ class Journal:
         names = sorted((self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"))
         for path, _, wrong in self._checked(names):
             if not wrong:
-                table = read_columns(path, self._table_schema.names)
+                table = read_columns(path, self.table_schema.names)
                 columns = zip(table.column_names, table.columns)
                 return {name: numpy_column(column)[[place]].tolist()[0] for name, column in columns}
         return {}
@@ -551,39 +586,6 @@ class Journal:
             for batch, path in fresh.items():
                 write_whole(self.folder / SHARDS / path.name, path.read_bytes(), _PREFIX.format(batch))
         return len(fresh)
-
-    def merge(self, good: Mapping[int, Path]) -> Path:
-        """Write the table of all samples from the shards of all batches; the same shards give the same bytes.
-
-        InvalidInput if a batch is missing.
-        """
-        from pyarrow import concat_tables, parquet
-
-        lacking = self.batches - len(good)
-        first = islice((str(batch) for batch in range(self.batches) if batch not in good), _LISTED)
-        refuse_if(
-            lacking,
-            "The campaign is not complete.",
-            f"expected {self.batches} batches, got {len(good)}; missing: "
-            f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
-            "the campaign's command again, or the folders of the other shards",
-        )
-        schema, path = self._table_schema, self.folder / TABLE
-        group: list[Table] = []
-        recent: dict[Path, Table] = {}  # the whole table, where it is one group
-        read = in_threads(lambda batch: self.rows(good[batch], schema.names), range(self.batches), READERS)
-        with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
-            with parquet.ParquetWriter(name, schema, **TABLE_FORMAT) as writer:
-                for batch, rows in enumerate(read):
-                    group.append(rows)
-                    if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:
-                        whole = concat_tables(group).combine_chunks().cast(schema)
-                        writer.write_table(whole)
-                        group.clear()
-                        recent = {path: whole} if len(whole) == self.samples else {}
-            publish_whole(name, path)
-        self._recent |= recent
-        return path
 
 
 def _first(problems: Mapping[str, bool]) -> str:

@@ -13,7 +13,8 @@ sign test, and the fraction of pairs in which either is better. Success and fail
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,9 +22,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import PART, TRACED, Campaign, TableColumn, rows_of
-from flexhinf.campaign.journal import READERS, TABLE, Journal
+from flexhinf.campaign.batches import PART, TRACED, Campaign, Rows, TableColumn, rows_of
+from flexhinf.campaign.journal import TABLE, Journal
 from flexhinf.campaign.manifest import differing, listed
+from flexhinf.campaign.merging import READERS, GrowingTable
 from flexhinf.campaign.metrics import COMPLETED, MetricLimit
 from flexhinf.campaign.parquet import numpy_column, read_columns
 from flexhinf.campaign.surrogates import MOST_ROWS, Sensitivity, sensitivity
@@ -118,7 +120,7 @@ def labelled(
     variables, coordinates = {}, {"sample": rows["sample"]}
     for column in columns:
         values = rows[column.name]
-        values = values.astype(str) if column.name == "seed" else values
+        values = values.astype(str) if values.dtype == np.uint64 else values
         attributes = {"units": column.unit, "kind": column.kind}
         if column.kind == "trace":
             variables[column.name] = (("kept", "time"), values, attributes)
@@ -129,6 +131,33 @@ def labelled(
                 "sample", values, attributes, fastpath=values.dtype == object
             )
     return xr.Dataset(variables, coordinates, dict(settings))
+
+
+class GatheredRows:
+    """The rows of a campaign's batches as they come, in one array for each column."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign, self._columns, self._left = campaign, Rows(), campaign.samples
+        #: Of all samples, see `labelled`; None until they are there
+        self.dataset: xr.Dataset | None = None
+
+    def of(self, results: Iterable[tuple[int, Rows]]) -> Iterator[tuple[int, Rows]]:
+        """Batches with their rows, which are entered when they have been used."""
+        for batch, rows in results:
+            yield batch, rows
+            self._enter(self.campaign.indices(batch), rows)
+
+    def _enter(self, indices: range, rows: Rows) -> None:
+        own, self._left = self.campaign, self._left - len(indices)
+        for column in own.columns:
+            values = rows[column.name].astype(str) if column.name == "seed" else rows[column.name]
+            count = min(own.samples, TRACED if column.kind == "trace" else own.samples)
+            if column.name not in self._columns:
+                self._columns[column.name] = np.empty((count, *values.shape[1:]), values.dtype)
+            some = self._columns[column.name][indices.start : indices.stop]
+            some[:] = values[: len(some)]
+        if not self._left:
+            self.dataset = labelled(self._columns, own.columns, own.time, own.settings)
 
 
 #: Quantiles of every metric in tables.
@@ -167,7 +196,7 @@ class MergedTable(CampaignTable):
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
         count = min(self.journal.batches, -(-TRACED // self.journal.size(0)))
         tables = in_threads(
-            lambda batch: self.journal.rows(self.shards[batch], [name]), range(count), READERS
+            lambda batch: self.journal.rows(batch, self.shards[batch], [name]), range(count), READERS
         )
         return np.concatenate([numpy_column(table.column(name)) for table in tables])[:TRACED]
 
@@ -177,7 +206,7 @@ class MergedTable(CampaignTable):
         parts = min(READERS, thread_count())
 
         def read(k: int) -> dict[str, np.ndarray]:
-            table = self.journal.rows(self.journal.folder / TABLE, names[k::parts])
+            table = read_columns(self.journal.folder / TABLE, names[k::parts])
             return {name: numpy_column(table.column(name)) for name in names[k::parts]}
 
         rows = {
@@ -187,11 +216,15 @@ class MergedTable(CampaignTable):
         return labelled(rows, self.described, self.journal.time, self.settings)
 
 
-def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
-    """Merge the table of a journal of which every batch's shard is there, and read it; raises as `Journal.merge`."""
-    return MergedTable(
-        journal.columns, StoredColumns(journal.merge(good)), journal.settings, journal, dict(good)
-    )
+def merged(journal: Journal, good: Mapping[int, Path], table: GrowingTable | None = None) -> MergedTable:
+    """Merge the table of a journal of which every batch's shard is there, and read it; raises as
+    `GrowingTable.finished`.
+
+    `table`: One that was begun.
+    """
+    with closing(table or GrowingTable(journal, good)) as growing:
+        columns = StoredColumns(growing.finished(good))
+    return MergedTable(journal.columns, columns, journal.settings, journal, dict(good))
 
 
 def main_metric(names: Sequence[str]) -> str:
