@@ -32,7 +32,7 @@ from flexhinf.campaign import (
 from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import Report, in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
-from flexhinf.campaign.parquet import read_columns
+from flexhinf.campaign.parquet import arrow_array, numpy_column, read_columns
 from flexhinf.campaign.results import CACHED
 from flexhinf.codegen import shared
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -40,6 +40,7 @@ from flexhinf.files import recorded
 from flexhinf.processors import limited_threads
 
 ParquetFile = pytest.importorskip("pyarrow.parquet").ParquetFile
+chunked_array = pytest.importorskip("pyarrow").chunked_array
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -131,6 +132,21 @@ def test_a_table_written_beside_the_runs_has_the_bytes_of_one_merged_at_the_end(
         tables.add(table_of(journal.folder))
     assert len(tables) == 1
     assert ParquetFile(tmp_path / "0 backwards" / TABLE).num_row_groups == 2
+
+
+def test_signals_are_kept_with_what_is_missing_of_them() -> None:
+    """Of a run that diverged the rest, of one that is not kept all, whatever the bits of a NaN."""
+    values = np.arange(24, dtype=np.float32).reshape(6, 4)
+    values[1, 2:], values[2], values[4, 1] = np.nan, np.nan, np.inf
+    other = values.copy()
+    other.view(np.uint32)[np.isnan(other)] = 0xFFC00001
+    stored, others = arrow_array(values), arrow_array(other)
+    assert stored.equals(others)
+    assert stored.null_count == 1
+    for span in (slice(None), slice(1, 4), slice(2, 3)):
+        column = chunked_array([stored[span]])
+        np.testing.assert_array_equal(numpy_column(column), values[span])
+    np.testing.assert_array_equal(numpy_column(chunked_array([stored[:3], stored[3:]])), values)
 
 
 def test_the_manifest_is_on_the_disk_before_the_batches_and_these_before_the_table(

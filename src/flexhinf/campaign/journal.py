@@ -463,10 +463,12 @@ class Journal:
                 unpacked = sum(
                     file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)
                 )
-                lists = [entry.type.list_size for entry in schema if types.is_fixed_size_list(entry.type)]
+                signals = [
+                    entry.type.byte_width for entry in schema if types.is_fixed_size_binary(entry.type)
+                ]
                 texts = sum(types.is_string(entry.type) for entry in schema)
                 # largest size of one row: twice its need; texts are sentences of an error
-                size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
+                size = 2 * sum(signals) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(signals) - texts)
                 if wrong := _first(
                     {
                         "of another campaign, or another part of it": not schema.metadata.items()
@@ -513,7 +515,7 @@ class Journal:
         return ""
 
     def _schema_of(self, batch: int) -> Schema:
-        """Arrow schema of a batch; kept signals are lists."""
+        """Arrow schema of a batch."""
         return self._schema.with_metadata({"campaign": self.digest, "batch": str(batch)})
 
     @cached_property
