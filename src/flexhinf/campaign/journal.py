@@ -49,8 +49,8 @@ from flexhinf.campaign.manifest import (
 )
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.campaign.parquet import (
-    BATCH_FORMAT,
     arrow_array,
+    batch_format,
     numpy_column,
     read_columns,
     row_schema,
@@ -327,7 +327,7 @@ class Journal:
             traced = batch * self._batch < TRACED
             self._recent[batch] = table if traced else table.select(self.table_schema.names)
             held()
-        parquet.write_table(table, stream, **BATCH_FORMAT)
+        parquet.write_table(table, stream, **batch_format(schema))
         content = memoryview(stream.getvalue())
         digest = hashlib.sha256(content).hexdigest()[:16]
         path = self.folder / SHARDS / f"batch-{batch:08d}-{digest}.parquet"

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pyarrow.parquet import ParquetWriter
 
 #: Largest number of threads that read files; and smallest number of rows of a group in the table.
-READERS, GROUP = 8, 65_536
+READERS, GROUP = 8, 16_384
 
 #: Largest number of missing batches that an error lists.
 _LISTED = 8

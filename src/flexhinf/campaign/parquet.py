@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,15 +23,23 @@ if TYPE_CHECKING:
 #: Numbers of a kept signal.
 SIGNAL = np.dtype("<f4")
 
-#: How the table is written, and a batch, of which nobody asks for statistics: the same rows have the same bytes. Random
-#: numbers hardly get smaller: zstd would take 6 % less room, and twice as long to write and to read. A kept signal is
-#: one value of bytes: a list of numbers would take twice as long to write, and five times as long to read.
-TABLE_FORMAT: dict[str, str | bool | list[str]] = {
+#: How the table is written: the same rows have the same bytes. Random numbers hardly get smaller: zstd would take 6 %
+#: less room, and twice as long to write and to read. A kept signal is one value of bytes: a list of numbers would take
+#: twice as long to write, and five times as long to read.
+TABLE_FORMAT: Mapping[str, object] = {
     "compression": "lz4",
     "write_statistics": True,
     "use_dictionary": ["status", "failure"],
 }
-BATCH_FORMAT = TABLE_FORMAT | {"write_statistics": False, "use_dictionary": False}
+
+
+def batch_format(schema: Schema) -> Mapping[str, object]:
+    """How a batch is written, of which nobody asks for statistics; signals with noise get no smaller."""
+    from pyarrow import types
+
+    signals = {entry.name for entry in schema if types.is_fixed_size_binary(entry.type)}
+    packed = {name: "none" if name in signals else "lz4" for name in schema.names}
+    return {**TABLE_FORMAT, "write_statistics": False, "use_dictionary": False, "compression": packed}
 
 
 def read_columns(path: Path, names: Sequence[str] | None = None) -> Table:
@@ -69,14 +77,14 @@ def arrow_array(values: np.ndarray) -> Array:
     import pyarrow as pa
 
     if values.ndim == 2:
-        unknown, kind = np.isnan(values), pa.binary(SIGNAL.itemsize * values.shape[1])
-        if unknown.all():
-            return pa.nulls(len(values), kind)
-        # processors differ in the bits of a NaN
-        known = np.where(unknown, SIGNAL.type(np.nan), values) if unknown.any() else values
-        there = pa.array(~unknown.all(axis=1)).buffers()[1]
-        content = pa.py_buffer(np.ascontiguousarray(known, SIGNAL))
-        return pa.Array.from_buffers(kind, len(values), [there, content])
+        unknown, there = np.isnan(values), None
+        if unknown.any():
+            values = np.where(unknown, SIGNAL.type(np.nan), values)  # processors differ in the bits of a NaN
+            there = pa.array(~unknown.all(axis=1)).buffers()[1]
+        content = pa.py_buffer(np.ascontiguousarray(values, SIGNAL))
+        return pa.Array.from_buffers(
+            pa.binary(SIGNAL.itemsize * values.shape[1]), len(values), [there, content]
+        )
     if values.dtype == object:
         return pa.array(values.tolist(), pa.string())
     return pa.array(values, from_pandas=True)
