@@ -18,8 +18,8 @@ from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
 from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design import Specification
 from flexhinf.design.responses import with_values
-from flexhinf.design.workspace import proof
-from flexhinf.design.workspace.everywhere import everywhere
+from flexhinf.design.workspace import everywhere as everywhere_file, proof
+from flexhinf.design.workspace.everywhere import everywhere, file_errors
 from flexhinf.design.workspace.masses import stated_errors
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -133,6 +133,17 @@ def test_gravity_changes_no_faster_than_is_shown_at_any_pose(setups, found):
         assert largest <= shown.checked.slope * (1.0 + 1e-6) + 1e-9
         assert largest >= 0.5 * shown.checked.slope
         assert (shown.checked.slope == 0.0) == (name == "scara")
+
+
+def test_bodies_are_compared_once_for_what_is_stated_and_what_is_shown(setups, monkeypatch):
+    setup, compared = replace(setups["planar-two-link"]), list[Any]()
+    sector_of = everywhere_file._body_sector
+    monkeypatch.setattr(
+        everywhere_file, "_body_sector", lambda body: compared.append(body) or sector_of(body)
+    )
+    assert file_errors(setup).slope_poses == 0
+    assert everywhere(setup, Sector(0.0, 0.0), setup.gains.ends) is None  # what is proved is too little
+    assert len(compared) == 2
 
 
 @pytest.mark.costs("the laws of two robots")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from decimal import ROUND_CEILING, Context, Decimal
+from functools import lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -64,7 +65,7 @@ def file_errors(setup: WorkspaceSetup) -> StatedErrors:
     """
     stated = stated_errors(setup)
     if (arm := _arm(setup)) is not None:
-        slope, poses = float(arm["slope"]), 0
+        slope, poses = float(arm.numbers["slope"]), 0
     else:
         slope, poses = WIDER * _sampled_slope(setup), POSES
     slope, damping = _rounded_up(slope), _rounded_up(_damping(setup))
@@ -117,19 +118,18 @@ def everywhere(
 
     Of robots with a payload a sector that is little wider than the `sampled` one is tried first.
     """
-    arm = _arm(setup)
-    if arm is None:
+    known = _arm(setup)
+    if known is None:
         return None
-    sectors = [body.pop("sector") for body in arm["bodies"]]
-    bodies = Sector(*(max(part) for part in zip(*sectors)))
+    bodies = known.bodies
     if not (bodies.lower <= proved.lower and bodies.upper <= proved.upper):
         return None
-    arm |= {"bodies_lower": bodies.lower, "bodies_upper": bodies.upper}
+    arm: Numbers = {**known.numbers, "bodies_lower": bodies.lower, "bodies_upper": bodies.upper}
     wholes = [bodies]
     if arm["payloads"]:
         wholes = [proved]
         if sampled is not None:
-            near = (max(own, WIDER * part) for own, part in zip(bodies, sampled))
+            near = (max(part, WIDER * seen) for part, seen in zip(bodies, sampled))
             wholes.insert(0, Sector(*map(min, proved, near)))
     few = len(arm["joints"]) <= JOINTS_IN_BOXES
     for stated, whole in product(([*map(float, ends)], None) if few else (None,), wholes):
@@ -139,8 +139,14 @@ def everywhere(
     return None
 
 
-def _arm(setup: WorkspaceSetup) -> Numbers | None:
-    """Joints, bodies and payloads of a setup's robots; None where they are not of this kind."""
+class _Arm(NamedTuple):
+    numbers: Numbers  # joints, bodies, payloads and gravity's slope
+    bodies: Sector  # errors of the bodies, each the largest of all
+
+
+@lru_cache(8)  # what is stated is asked for before what is shown at every pose
+def _arm(setup: WorkspaceSetup) -> _Arm | None:
+    """What is known of a setup's robots, for nobody to change; None where they are not bodies with intervals."""
     own, true = setup.robot, setup.true.robot
     if own.rigid or coupling_of(setup.law.plant) is not None or own.links != true.links:
         return None
@@ -156,10 +162,9 @@ def _arm(setup: WorkspaceSetup) -> Numbers | None:
     held = all(p.name in parts.used for p in true.uncertain if p.name.startswith(OF_INERTIA))
     if not held or not _is_the_plants(setup, numbers):
         return None
-    for body in numbers["bodies"]:
-        body["sector"] = _body_sector(body)
+    bodies = Sector(*(max(part) for part in zip(*map(_body_sector, numbers["bodies"]))))
     exact = dict.fromkeys(("lower", "upper", "bodies_lower", "bodies_upper"), 0.0)
-    return numbers | {"slope": _slope(arm_claim({**numbers, **exact, "range": None}))}
+    return _Arm(numbers | {"slope": _slope(arm_claim({**numbers, **exact, "range": None}))}, bodies)
 
 
 def true_gravity(robot: Robot) -> tuple[float, ...]:
