@@ -74,7 +74,6 @@ UNTYPED = {
     "Plant.__init__(parameters)": "as of a model",
     "Trajectory.__init__(settings)": "what a run was made with: numbers, texts and names",
     "Trajectory.until(settings)": "as of a trajectory",
-    "Trajectory.metrics(return)": "numbers, None where a run diverged, and a list",
 }
 
 

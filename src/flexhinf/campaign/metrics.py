@@ -179,14 +179,14 @@ def _tracking(run: Trajectory) -> dict[str, float | None]:
     rows = [run.metrics(name) for name in run.judged]
     stepped = [row for row in rows if row["overshoot_percent"] is not None]
     times = {
-        name: max((math.inf if row[name] is None else row[name] for row in stepped), default=None)
+        name: max((math.inf if (value := row[name]) is None else value for row in stepped), default=None)
         for name in ("settling_time_s", "rise_time_s")
     }
     others = {
-        name: max((row[name] for row in rows if row[name] is not None), default=None)
-        for name in STANDARD_UNITS.keys() - times.keys() - {"estimation_rmse"}
+        name: max((value for row in rows if (value := row[name]) is not None), default=None)
+        for name in ("overshoot_percent", "steady_state_error", "peak_input", "tracking_rmse")
     }
-    return {**others, **times, "estimation_rmse": max(rows[0]["estimation_rmse"], default=math.nan)}
+    return {**others, **times, "estimation_rmse": max(rows[0]["estimation_rmse"] or (), default=math.nan)}
 
 
 def _tracking_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from flexhinf.analysis import FORMS
 from flexhinf.loop import Trajectory
+from flexhinf.loop.simulation.metrics import RunMetrics
 from flexhinf.options import option_name
 from flexhinf.paper.claims import NOT_JUDGED
 from flexhinf.paper.loop_setup import (
@@ -169,14 +170,15 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
     """Indices of the runs that overshoot most and settle last, or end farthest; one that diverged is the worst."""
-    ranks = {
-        name: [[math.inf if run.metrics[key] is None else run.metrics[key] for key in keys] for run in runs]
-        for name, keys in {
-            "largest overshoot": ("overshoot_percent",),
-            "settles last": ("settling_time_s", "steady_state_error"),
-        }.items()
+
+    def worst(read: Callable[[RunMetrics], Sequence[float | None]]) -> int:
+        ranks = [[math.inf if value is None else value for value in read(run.metrics)] for run in runs]
+        return max(range(len(runs)), key=ranks.__getitem__)
+
+    return {
+        "largest overshoot": worst(lambda m: [m["overshoot_percent"]]),
+        "settles last": worst(lambda m: [m["settling_time_s"], m["steady_state_error"]]),
     }
-    return {name: max(range(len(runs)), key=each.__getitem__) for name, each in ranks.items()}
 
 
 @house_style()

@@ -22,7 +22,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
 from flexhinf.loop.signals.references import Signal, SignalLike
-from flexhinf.loop.simulation.metrics import peak_of
+from flexhinf.loop.simulation.metrics import RunMetrics, peak_of
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import Estimator, GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.report import JudgedClaim, Table, Verdict
@@ -66,7 +66,7 @@ class ToleranceRun:
     its run: metrics as `Trajectory.metrics`, when it diverged (s), and about `KEPT` samples of the link position as
     measured and as estimated, degrees."""
 
-    metrics: dict[str, Any]
+    metrics: RunMetrics
     diverged_at: float | None
     time: np.ndarray
     output: np.ndarray

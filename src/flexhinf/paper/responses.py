@@ -11,10 +11,10 @@ The paper gives neither size nor place nor frequency of its disturbance torques.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory
-from flexhinf.loop.simulation.metrics import SETTLING_BAND, peak_of
+from flexhinf.loop.simulation.metrics import SETTLING_BAND, RunMetrics, no_metrics, peak_of
 from flexhinf.paper.loop_setup import (
     CHANNELS,
     FREQUENCY,
@@ -52,10 +52,13 @@ INTEGRAL_WEIGHTS = (100.0, 150.0, 300.0, 450.0, 600.0)
 #: Largest tracking error that still counts as tracking, rad: 5 % of the command's mean value.
 TRACKING_LIMIT = math.radians(9.0)
 
+StepMetric: TypeAlias = Literal["overshoot_percent", "settling_time_s", "rise_time_s", "peak_input"]
+StepColumn: TypeAlias = tuple[StepMetric, Column]
+
 #: What is read off a step: name of the metric and its column.
-OVERSHOOT = ("overshoot_percent", Column("overshoot", "%", 2))
-SETTLING = ("settling_time_s", Column("settling", "s", 2))
-RISE = ("rise_time_s", Column("rise 10–90 %", "s", 2))
+OVERSHOOT: StepColumn = ("overshoot_percent", Column("overshoot", "%", 2))
+SETTLING: StepColumn = ("settling_time_s", Column("settling", "s", 2))
+RISE: StepColumn = ("rise_time_s", Column("rise 10–90 %", "s", 2))
 
 LAWS = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
 SAME_LAW = "At this degree both are the same law."
@@ -64,14 +67,14 @@ SAME_LAW = "At this degree both are the same law."
 # Steps ---------------------------------------------------------------------------------------------------
 def step_text(run: Trajectory) -> str:
     """Overshoot, settling and final error of a step, for a sentence."""
-    if run.diverged_at is not None:
-        return f"diverged at {run.diverged_at:.2f} s"
     m = run.metrics()
-    time = m["settling_time_s"]
+    time, off = m["settling_time_s"], m["steady_state_error"]
+    if off is None:
+        return f"diverged at {run.diverged_at:.2f} s"
     settled = f"does not settle in {STEP_DURATION:g} s" if time is None else f"settles in {time:.2f} s"
     return (
         f"overshoot {m['overshoot_percent']:.2f} %, {settled}, "
-        f"at most {math.degrees(m['steady_state_error']):.2g}° off at the end, peak {m['peak_input']:.1f} V"
+        f"at most {math.degrees(off):.2g}° off at the end, peak {m['peak_input']:.1f} V"
     )
 
 
@@ -86,7 +89,7 @@ def _tracks_90(setup: PaperSetup) -> ClaimFinding:
 def _tracks_step(run: Trajectory, goal: float) -> ClaimFinding:
     m = run.metrics()
     return ClaimFinding(
-        m["settling_time_s"] is not None and m["steady_state_error"] <= SETTLING_BAND * goal,
+        m["settling_time_s"] is not None and _or_infinite(m["steady_state_error"]) <= SETTLING_BAND * goal,
         f"{step_text(run)}.".replace("overshoot", "Overshoot", 1),
     )
 
@@ -102,7 +105,7 @@ def _or_infinite(value: float | None) -> float:
 
 
 def _steps_table(runs: dict[tuple[str, str], Trajectory], caption: str, anchor: str) -> Table:
-    read = (OVERSHOOT, SETTLING, RISE, ("peak_input", Column("peak", "V", 1)))
+    read: tuple[StepColumn, ...] = (OVERSHOOT, SETTLING, RISE, ("peak_input", Column("peak", "V", 1)))
     rows = [(*names, *(run.metrics()[key] for key, _ in read)) for names, run in runs.items()]
     return Table(("step", "law", *(column for _, column in read)), rows, caption, anchor)
 
@@ -192,22 +195,22 @@ def judge_weight(setup: PaperSetup, varied: str) -> ClaimFinding:
     of_link = varied == "x1"
     weights = LINK_WEIGHTS if of_link else INTEGRAL_WEIGHTS
     pairs = [(weight, 300.0) if of_link else (60.0, weight) for weight in weights]
-    read = (OVERSHOOT, (RISE[0], Column(RISE[1].name, "s", 3)), SETTLING)
-    runs: list[dict[float, Mapping[str, float | None]]] = []  # metrics by goal; None where no law exists
+    read: tuple[StepColumn, ...] = (OVERSHOOT, (RISE[0], Column(RISE[1].name, "s", 3)), SETTLING)
+    runs: list[dict[float, RunMetrics]] = []  # metrics by goal; all None where no law exists
     for link, integral in pairs:
         own = {"link_position": link, "link_position_integral": integral}
         try:
             law = setup.law({**own, "link_velocity": 0.0, "motor_velocity": 0.0})
         except FlexhinfError:
-            runs.append({goal: {key: None for key, _ in read} for goal in GOALS})
+            runs.append({goal: no_metrics() for goal in GOALS})
         else:
             runs.append({goal: setup.run(law, Step(goal), STEP_DURATION).metrics() for goal in GOALS})
 
-    def falls(metric: str) -> dict[str, bool]:  # by the goal
+    def falls(metric: StepMetric) -> dict[str, bool]:  # by the goal
         columns = {name_goal(g): [_or_infinite(run[g][metric]) for run in runs] for g in GOALS}
         return {goal: all(b < a for a, b in pairwise(column)) for goal, column in columns.items()}
 
-    def ends(metric: str, digits: int) -> list[str]:  # with the smallest and with the largest weight
+    def ends(metric: StepMetric, digits: int) -> list[str]:  # with the smallest and with the largest weight
         return [
             " to ".join("none" if x is None else f"{x:.{digits}f}" for x in pair)
             for pair in [[run[goal][metric] for run in (runs[0], runs[-1])] for goal in GOALS]

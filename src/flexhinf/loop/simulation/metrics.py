@@ -15,7 +15,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial, reduce
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, cast
 
 import numpy as np
 
@@ -77,6 +77,23 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
     changes = np.flatnonzero(reference != reference[0])
     initial, at = (reference[0], time[changes[0]]) if len(changes) else (position[0], time[0])
     return StepShape(float(initial), final, float(at))
+
+
+class RunMetrics(TypedDict):
+    """What `Trajectory.metrics` has; None where the run has no such number, all of one that diverged."""
+
+    overshoot_percent: float | None
+    settling_time_s: float | None
+    rise_time_s: float | None
+    steady_state_error: float | None
+    peak_input: float | None
+    tracking_rmse: float | None
+    estimation_rmse: list[float] | None  # one per estimated state
+
+
+def no_metrics() -> RunMetrics:
+    """Of a run that diverged."""
+    return cast("RunMetrics", dict.fromkeys(RunMetrics.__annotations__))
 
 
 def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
@@ -388,11 +405,12 @@ class EnsembleResult:
             raise unknown_name(f"{name!r} is not tracked.", name, tuple(self.by_state))
         return {**(self.by_state[name] if name is not None else {}), **self.common}
 
-    def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
+    def metrics_of(self, k: int, name: str | None = None) -> RunMetrics:
         """Metrics of the k-th run, with None as in `Trajectory.metrics`."""
         row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
         known = [key for key, value in row.items() if isinstance(value, list) or np.isfinite(value)]
-        return {key: row[key] if self.completed[k] and key in known else None for key in row}
+        whole = {key: row[key] if self.completed[k] and key in known else None for key in row}
+        return cast("RunMetrics", whole)
 
 
 class Place(NamedTuple):

@@ -14,7 +14,15 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.simulation.metrics import peak_of, rms, steady_state_error, step_metrics, step_shape
+from flexhinf.loop.simulation.metrics import (
+    RunMetrics,
+    no_metrics,
+    peak_of,
+    rms,
+    steady_state_error,
+    step_metrics,
+    step_shape,
+)
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, table_html
 from flexhinf.numerals import number_text
@@ -38,17 +46,6 @@ ENDINGS = {
     "output": "_measured",
     "reference": "_commanded",
 }
-
-#: Keys of `Trajectory.metrics`.
-METRICS = (
-    "overshoot_percent",
-    "settling_time_s",
-    "rise_time_s",
-    "steady_state_error",
-    "peak_input",
-    "tracking_rmse",
-    "estimation_rmse",
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,7 +209,7 @@ class Trajectory(Summarised):
         kinds = (kind for kind in ("state", "output", "estimate") if name in self.names.get(kind, ()))
         return self.signal(next(kinds, "state"), name)
 
-    def metrics(self, name: str | None = None) -> dict[str, Any]:
+    def metrics(self, name: str | None = None) -> RunMetrics:
         """Metrics of the first (or the named) tracked state, or state of a moving reference; where nothing, or not
         this state, is tracked, an InvalidInput.
 
@@ -232,12 +229,15 @@ class Trajectory(Summarised):
             raise unknown_name(f"{name!r} is not tracked.", name, tracked)
         name = self.judged[0] if name is None else name
         if self.diverged_at is not None:
-            return dict.fromkeys(METRICS)
+            return no_metrics()
         position, reference = self.tracked(name), self.signal("reference", name)
         known = [k for k in self.names["estimate"] if k in self.names.get("state", ())]
         errors = [self.signal("estimate", k) - self.signal("state", k) for k in known]
+        step = step_metrics(self.time, position, step_shape(self.time, position, reference))
         return {
-            **step_metrics(self.time, position, step_shape(self.time, position, reference)),
+            "overshoot_percent": step["overshoot_percent"],
+            "settling_time_s": step["settling_time_s"],
+            "rise_time_s": step["rise_time_s"],
             "steady_state_error": steady_state_error(position, reference),
             "peak_input": float(peak_of(self.signals["input"]).max()),
             "tracking_rmse": rms(position - reference),
@@ -305,19 +305,19 @@ class Trajectory(Summarised):
             return facts
         name, metrics, inputs = self.judged[0], self.metrics(), set(self.units["input"])
         unit = dict(zip(self.names["estimate"], self.units["estimate"])).get(name, "")
-        labels = {
-            "overshoot_percent": ("overshoot", "%"),
-            "settling_time_s": ("settling time", "s"),
-            "rise_time_s": ("rise time", "s"),
-            "steady_state_error": ("steady state error", unit),
-            "peak_input": ("peak input", inputs.pop() if len(inputs) == 1 else ""),
+        rows = {
+            "overshoot": (metrics["overshoot_percent"], "%"),
+            "settling time": (metrics["settling_time_s"], "s"),
+            "rise time": (metrics["rise_time_s"], "s"),
+            "steady state error": (metrics["steady_state_error"], unit),
+            "peak input": (metrics["peak_input"], inputs.pop() if len(inputs) == 1 else ""),
         }
         return {
             **facts,
             "tracked state": name,
             **{
-                label: "none" if metrics[key] is None else number_text(metrics[key], of)
-                for key, (label, of) in labels.items()
+                label: "none" if value is None else number_text(value, of)
+                for label, (value, of) in rows.items()
             },
         }
 
