@@ -28,6 +28,7 @@ def delayed(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> Discre
     return DiscreteSystem(matrix, none, none.T, np.zeros((0, 0)), PERIOD, samples, samples * e.shape[1])
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [0, 1, 5, 30, 200])
 def test_figures_are_those_of_a_loop_assembled_otherwise(arm: Robot, cubic: HJISolution, delay: int) -> None:

@@ -30,6 +30,7 @@ def sorted_sizes(multipliers: np.ndarray) -> np.ndarray:
     return np.sort(np.abs(multipliers))[::-1]
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("kind", "coil", "moving"),  # every two of them at every two of their values
@@ -49,6 +50,7 @@ def test_one_period_is_that_of_the_whole_step(
     assert np.allclose(sorted_sizes(found.multipliers[0]), expected, atol=1e-9)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ukf"])
 def test_one_period_of_two_links(two_link: Robot, two_link_law: HJISolution, kind: str | None) -> None:

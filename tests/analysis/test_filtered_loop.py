@@ -30,6 +30,7 @@ def loop(request: pytest.FixtureRequest) -> EquilibriumLoop:
     )
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("noise", [ProcessNoise(VELOCITIES, 1e-6), ProcessNoise(MOTOR_VELOCITIES, 1e-4)])
 def test_a_gain_gives_the_linear_loop_and_its_figures(loop: EquilibriumLoop, noise: ProcessNoise) -> None:

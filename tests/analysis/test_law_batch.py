@@ -35,6 +35,7 @@ def slope_at(law: Any, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.column_stack(moved) / 2e-5
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", LAWS)
 def test_the_multipliers_away_from_the_laws_rest_are_those_of_the_loop_by_hand(

@@ -20,7 +20,7 @@ SMALL = 1e-7
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("kind", "delay", "latency"),

@@ -29,6 +29,7 @@ def test_two_masses_on_a_spring_vibrate_as_in_the_textbook() -> None:
     assert vibration[-1].time_constant is None
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.parametrize("name", sorted(fh.catalogue()))
 @pytest.mark.parametrize("period", [None, 1e-3, pytest.param(1e-4, marks=pytest.mark.ci("one more period"))])
 def test_springs_without_damping_have_a_damping_ratio_of_zero_and_no_rounding(

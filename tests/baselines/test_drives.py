@@ -25,6 +25,7 @@ def with_and_without(drive, share):
     return robot, torque
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.oracle
 @DRIVES
 @pytest.mark.parametrize("ratio", [1.0, 0.4])

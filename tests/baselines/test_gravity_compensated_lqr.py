@@ -37,6 +37,7 @@ def test_one_link_in_closed_form():
         )
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
 def test_without_gravity_it_is_the_lqr_and_its_gain_is_that_with_gravity_too(name):

@@ -115,6 +115,7 @@ def test_a_motor_that_damps_itself_by_more_than_was_asked_keeps_doing_so():
     assert law.derivative[0] == 0.0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("integral", ["link_position", "motor_position"])
 def test_in_the_sampled_loop_the_goal_is_reached_and_the_integral_takes_what_is_wrong(integral):
     robot = by_name("planar-two-link")

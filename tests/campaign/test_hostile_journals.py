@@ -200,6 +200,7 @@ def test_a_folder_with_the_name_of_a_part_is_told(folder: Path, batch: int) -> N
         assert "delete" in error.value.advice
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("method", ["random", "latin-hypercube", "sobol"])
 @pytest.mark.parametrize("distribution", ["uniform", "normal", "truncated-normal", "corners"])
 def test_every_draw_that_settings_state_is_drawn_again(

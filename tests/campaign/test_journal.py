@@ -376,6 +376,7 @@ def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, 
     assert table_of(folder) == table_of(whole)
 
 
+@pytest.mark.ci("a campaign with a damaged cache; tests/codegen/test_cache.py damages its files")
 def test_a_damaged_kernel_cache_is_told_and_changes_no_bit(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

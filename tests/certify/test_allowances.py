@@ -122,6 +122,7 @@ def test_what_a_polynomial_leaves_is_both_terms_of_its_bound(only: str, monkeypa
 
 
 # Ranges of quotients ----------------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(6)
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("farthest", [0.3, 1.25])
 def test_a_range_holds_what_is_shown_on_each_piece(name: str, farthest: float, monkeypatch: Any) -> None:

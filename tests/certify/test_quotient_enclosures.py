@@ -102,7 +102,7 @@ def table(name: str, order: int) -> QuotientTable:
     return QuotientTable(FUNCTIONS[name], REACH, order)
 
 
-@pytest.mark.quick_cases(6)
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_point_leaves_an_enclosure_of_the_search(name: str, order: int) -> None:
@@ -138,6 +138,7 @@ def test_the_remainder_of_the_search_bounds_the_derivative_as_far_as_the_interva
             assert bound >= derivative * farthest, (a, b, at)
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_search_knows_nothing_beyond_its_table_and_bounds_s_within(name: str) -> None:
     function, known = FUNCTIONS[name], table(name, 3)
@@ -153,7 +154,7 @@ def test_the_search_knows_nothing_beyond_its_table_and_bounds_s_within(name: str
                 assert max(abs(_exact(function, a)), abs(_exact(function, b))) <= known.largest
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_point_leaves_an_enclosure_of_the_checker(name: str) -> None:
     """Its bounds hold the rounding of the coefficients too."""
@@ -207,6 +208,7 @@ def test_near_a_pole_bounds_hold_and_from_there_on_nothing_is_known(order: int) 
                 assert missed <= bound + rounding
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_point_leaves_an_enclosure_of_the_second_route(name: str) -> None:
     """About centres of both branches: near 0, where a series over the whole of u stands, and elsewhere."""
@@ -231,7 +233,7 @@ def test_no_point_leaves_an_enclosure_of_the_second_route(name: str) -> None:
     assert needed > 0.01
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_value_of_a_quotient_leaves_its_range(name: str) -> None:
     function = FUNCTIONS[name]

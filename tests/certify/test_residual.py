@@ -78,6 +78,7 @@ def evaluated(polynomial: Any, z: list[fmpq]) -> fmpq:
     return total
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("seed", range(8))
 def test_the_residual_is_its_definition(seed: int) -> None:
     """At rational places, parameters and quotients: with S_j ℓ_jᵀx for each function, all is a polynomial."""

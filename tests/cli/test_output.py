@@ -45,6 +45,7 @@ def full() -> Iterator[TextIO]:
         yield stream
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-16"])
 @pytest.mark.parametrize("words", [["robots"], ["schema"], ["design", "--help"]], ids=" ".join)
 def test_a_letter_that_an_encoding_lacks_is_escaped(

@@ -130,6 +130,7 @@ def test_a_film(
     assert "arm.gif" in capsys.readouterr().out
 
 
+@pytest.mark.ci("starts a process, and ends it")
 @pytest.mark.usefixtures("folder")
 def test_control_c_keeps_a_whole_log(
     design: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -224,6 +225,7 @@ def test_arguments_of_ros_are_those_of_a_node_alone(
     assert unnamed(capsys.readouterr().err, "--ros-args") == []
 
 
+@pytest.mark.ci("codes a controller")
 def test_a_node_needs_a_controller_of_a_workspace(
     design: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

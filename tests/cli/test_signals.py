@@ -122,6 +122,7 @@ console()
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.skipif(sys.platform != "linux", reason="a lock of Linux")
 @pytest.mark.costs("starts a process")
 @pytest.mark.parametrize(

@@ -56,6 +56,7 @@ def test_the_second_time_nothing_is_compiled(folder, assembled):
     assert only_file(folder).suffix == ".o"
 
 
+@pytest.mark.ci("starts a process")
 def test_another_process_finds_it(folder, assembled):
     assert works()
     script = "import sys; sys.path.insert(0, sys.argv[1]); import test_cache as t; assert t.works()"

@@ -117,7 +117,7 @@ def composed(text, make, lanes=1):
     return arrays["y"].reshape(*result.shape, lanes)
 
 
-@pytest.mark.quick_cases(19)
+@pytest.mark.quick_cases(10)
 @pytest.mark.oracle
 @pytest.mark.parametrize("make", [compile_program, interpret])
 @pytest.mark.parametrize("name", TEXTS)
@@ -126,7 +126,7 @@ def test_composed_is_direct(name, make):
     np.testing.assert_allclose(composed(TEXTS[name], make)[..., 0], expected, rtol=1e-12, atol=1e-13)
 
 
-@pytest.mark.quick_cases(10)
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("name", TEXTS)
 def test_the_bits_do_not_depend_on_lanes(name):
     one, many = composed(TEXTS[name], compile_program), composed(TEXTS[name], compile_program, 4)

@@ -35,6 +35,7 @@ def program(joins: bool, *, part: bool = False) -> Program:
     return Program("p", buffers, (Repeat("n", body),), ("n",))
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("part", [False, True])
 @pytest.mark.parametrize("lanes", [1, 4])
 @pytest.mark.parametrize("scale", [1.0, 1e12])  # angles beyond the reach of the straight line

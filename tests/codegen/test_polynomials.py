@@ -40,6 +40,7 @@ def given(case: tuple, lanes: int, shared: bool = False) -> dict[str, np.ndarray
     return {b.name: rng.normal(size=(b.size, *(() if b.shared else (lanes,)))) for b in made.buffers}
 
 
+@pytest.mark.quick_cases(10)
 @pytest.mark.oracle
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(("lanes", "shared"), [(1, False), (3, False), (8, True)])

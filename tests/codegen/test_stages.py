@@ -61,6 +61,7 @@ def test_a_product_stays_with_the_sum_that_it_is_fused_into(seed: int) -> None:
                 assert group[one] == group[k] or not alone
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("fused", [False, True])
 def test_every_bit_is_that_of_the_trace(fused: bool) -> None:

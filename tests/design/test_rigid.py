@@ -67,6 +67,7 @@ def test_the_rigid_model_of_a_drive_with_an_inner_loop(drive: str, share: float)
     assert rigid.operating_input == pytest.approx(place * np.array([0.4, -0.9]) + share * held / gain)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("side", FEEDBACK_SIDES)
 def test_with_stiff_springs_the_rigid_law_does_what_it_was_made_for(side: str) -> None:
     robot = fh.load_robot("planar-two-link")

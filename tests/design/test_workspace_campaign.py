@@ -125,6 +125,7 @@ def test_robots_carry_a_payload_that_the_model_does_not_know() -> None:
     assert twisted[0] == 0.0 < abs(twisted[2])  # the link is where it should be, the motor holds the weight
 
 
+@pytest.mark.ci("compiles a run with dry friction")
 def test_dry_friction_varies_with_the_viscous_one() -> None:
     """Where the file states no tolerance of its own for it."""
     arm, s = fh.load_robot("planar-two-link"), fh.Specification(workspace="limits", estimator="none")

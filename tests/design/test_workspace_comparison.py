@@ -60,6 +60,7 @@ def with_rival(own: WorkspaceSetup, name: str, **numbers: Any) -> WorkspaceSetup
     )
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["pd-gravity", "torque-i", "lqg"])
 def test_the_loop_of_a_rival_is_that_of_the_running_controller(own: WorkspaceSetup, name: str) -> None:
@@ -171,6 +172,7 @@ def test_a_drive_of_its_own_has_the_loops_of_a_motor_of_torques() -> None:
             np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-7)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.costs("setups of two robots")
 @pytest.mark.parametrize(("drive", "share"), [("position", 1.0), ("velocity", 0.0)])
@@ -213,7 +215,7 @@ def test_gains_of_a_move_are_those_of_its_poses(own: WorkspaceSetup) -> None:
         np.testing.assert_allclose(found, law.slope_at(pose) @ x, rtol=exact, atol=exact)
 
 
-@pytest.mark.costs("compiles a run of a rival")
+@pytest.mark.ci("compiles a run of a rival")
 @pytest.mark.parametrize("name", ["pd", "pid"])
 def test_a_robot_that_is_heavier_than_the_model_begins_at_rest(own: WorkspaceSetup, name: str) -> None:
     """Without integrals it rests beside the command, where the feedback holds it; with them at the command."""

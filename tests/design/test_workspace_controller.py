@@ -418,6 +418,7 @@ def test_a_motor_without_a_limit_is_weighed_by_what_it_moves() -> None:
     assert made(saturation=(24.0, math.inf)).authority == pytest.approx([24.0, worst[1]], rel=0.1)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(("name", "periods"), [("planar-two-link", (5e-4, 2e-3, 5e-3)), ("scara", (2e-3,))])
 @pytest.mark.parametrize("measured", [BOTH, ("link_position",), ("motor_position", "joint_torque")])
 def test_the_filter_is_stable_at_any_period(

@@ -131,6 +131,7 @@ def test_damping_and_margins_are_those_of_a_loop_by_hand(case):
             assert loop.ripple == pytest.approx(100 * ripple.max(), rel=1e-4)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     "case", [{}, {"measured": ("motor_position",)}, {"latency": 0}, {"latency": 2, "unknown_delay": 1e-3},
@@ -179,6 +180,7 @@ def test_the_slope_of_the_law_is_that_of_its_columns():
     np.testing.assert_allclose(slope, np.array(columns, dtype=float).T, atol=1e-9 * np.abs(slope).max())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     "name",
     [

@@ -41,6 +41,7 @@ def one_by_one(table: np.ndarray, least: list[float] | None) -> list[np.ndarray 
     return found
 
 
+@pytest.mark.quick_cases(9)
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_several_processes_find_what_one_finds(threads: int, seed: int):

@@ -492,6 +492,7 @@ def test_modules_and_files_that_python_is_told_to_run_exist() -> None:
             assert known, f"{page.name}: python {module or file}"
 
 
+@pytest.mark.ci("starts the interpreter of the programs below")
 @pytest.mark.parametrize(
     ("text", "code", "said"),
     [
@@ -510,8 +511,7 @@ def test_a_program_that_fails_is_no_success(
     assert said in done.errors
 
 
-@pytest.mark.costs("runs each program")
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("runs each program")
 @pytest.mark.parametrize("block", programs())
 def test_every_program_runs_as_it_is_printed(block: Block, interpreter: str, tmp_path: Path) -> None:
     """These come last: what the interpreter of all cost is known as it ends."""

@@ -32,7 +32,7 @@ COUNTED = ("size", "counts")
 
 
 @pytest.mark.costs("benchmarks make their tables in processes of their own")
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", [name for name in MAKE["QUICK"] if name not in COUNTED])
 def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
     page = repository / MAKE["QUICK"][name][0]

@@ -100,7 +100,7 @@ def test_every_update_ends_with_the_projection_of_the_plain_one(form):
     assert met > 10
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles a loop")
 @pytest.mark.oracle
 @FORMS
 def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(form, tmp_path):

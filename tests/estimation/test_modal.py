@@ -158,7 +158,7 @@ def test_errors_decay_at_every_pose(robot, measured):
         assert np.abs(np.linalg.eigvals(error)).max() < 1.0
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles a controller")
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara"])
 @pytest.mark.parametrize("latency", [0, 2])
 def test_compiled_and_saved_it_is_the_text(tmp_path, robot, latency):

@@ -230,7 +230,7 @@ def test_where_nothing_is_uncertain_nothing_moves(kind, form, gate):
     np.testing.assert_allclose(filter.mean, np.linalg.matrix_power(F, 120) @ [0.1, 0.2, 0.3], rtol=1e-12)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles a controller of each form")
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_controller_takes_it_says_it_and_is_saved(kind, form, tmp_path):

@@ -196,6 +196,7 @@ OTHERS = pytest.mark.ci("compiles the other pairs of filter and form")
 
 
 # A filter without a loop ------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("kind", "form"),
     [

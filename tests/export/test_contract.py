@@ -166,7 +166,7 @@ FAULTS = [
 
 
 @pytest.mark.costs("compiles the code of all tests here")
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(("right", "wrong", "program"), FAULTS)
 def test_vector_and_rehearsal_find_faults(
     right: str, wrong: str, program: str, compiler: str, exported: Path, tmp_path: Path

@@ -43,7 +43,7 @@ def test_the_library_says_and_counts_the_same(kind: str, compiler: str, tmp_path
     assert (library.status, library.doubtful_samples) == (0, 0)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles an export of each form")
 @pytest.mark.parametrize("form", ["square_root", "covariance"])
 def test_the_library_takes_measurements_without_noise(form: str, compiler: str, tmp_path: Path) -> None:
     """Of two outputs that are alike the second one is left out, at every sample."""
@@ -89,6 +89,7 @@ int main(void)
 """
 
 
+@pytest.mark.ci("compiles an export of each type")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_in_float_digits_are_lost_earlier(real: str, compiler: str, tmp_path: Path) -> None:
     """Of an innovation of 1e6 standard deviations float loses all digits, and double few of them."""

@@ -22,7 +22,7 @@ from flexhinf.export import export_fmu, export_plant_fmu
 fmpy = pytest.importorskip("fmpy")
 
 # Four FMUs that run for some samples: compiled in half the time.
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.ci("exports both versions")]
 
 ARM = fh.paper_arm()
 PLANT = ARM.plant()
@@ -108,7 +108,6 @@ def test_fmpy_finds_nothing_wrong_with_fmi_3_and_simulates_it_alike(
     assert all(np.array_equal(results[0][name], results[1][name]) for name in results[0].dtype.names)
 
 
-@pytest.mark.costs("the first exports of this file")
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("kind", ["controller", "plant"])
 def test_outputs_depend_on_what_is_stated_and_on_nothing_else(

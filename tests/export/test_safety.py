@@ -184,7 +184,7 @@ def test_safety_has_every_code_and_bit_with_who_must_act(folder: Path) -> None:
     assert [name for name in functions if f"static void {name}(" not in rehearsal] == []
 
 
-@pytest.mark.costs("codes a controller for the workspace")
+@pytest.mark.ci("codes a controller for the workspace")
 def test_safety_has_every_result_of_a_trajectory_with_who_must_act() -> None:
     """Where trajectories are followed; an export of one pose follows none."""
     code = code_of(arm_controller(), "arm", "double", fh.paper_arm())

@@ -22,7 +22,7 @@ def summed(count: int, rows: int, columns: int, symmetric: bool, added: bool) ->
     return Program("sums", (*buffers, Buffer("y", rows * columns, "state")), (step,))
 
 
-@pytest.mark.quick_cases(10)
+@pytest.mark.quick_cases(4)
 @pytest.mark.oracle
 @pytest.mark.parametrize("size", [(3, 2, 5), (8, 3, 8), (13, 11, 11), (57, 7, 28), (57, 28, 28)])
 @pytest.mark.parametrize("added", [False, True])

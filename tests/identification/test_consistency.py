@@ -113,6 +113,7 @@ def test_white_noise_is_white_as_often_as_stated() -> None:
     assert test.white, "a correlation of 0.02 is certain, and of no consequence"
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(
     ("q", "r", "judgement", "first"),
     [(1.0, 1.0, "as expected", 0.0), (1 / 25, 1 / 25, "larger", 0.0), (25.0, 25.0, "smaller", 0.0),

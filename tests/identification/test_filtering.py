@@ -20,7 +20,7 @@ def samples(count, outputs=1, seed=0):
     return rng.normal(size=(count, 1)), 0.1 * rng.normal(size=(count, outputs))
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("form", ["covariance", "square_root"])
 @pytest.mark.parametrize("kind", [fh.ExtendedKalmanFilter, fh.UnscentedKalmanFilter])
 @pytest.mark.parametrize("measured", [("position",), ("position", "velocity")])
@@ -147,6 +147,7 @@ def test_a_diverging_filter_is_refused_with_its_sample():
         fh.filter_log(filter, (PERIOD * np.arange(20), u, np.zeros(20)))
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_inputs_of_a_run_act_after_its_latency(latency):
     """Noiseless, with a model without any noise: the estimate is the true state at every sample."""

@@ -252,7 +252,7 @@ def test_a_run_of_our_own_is_read_without_any_option(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.times, run.time)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("runs a loop with MuJoCo for each format; the test above reads a file of a run")
 @pytest.mark.parametrize("ending", ["csv", "parquet", "mcap"])
 def test_the_log_of_a_real_time_run_is_read_in_every_format(ending: str, tmp_path: Path) -> None:
     for package in {"parquet": ("pyarrow",), "mcap": ("mcap", "zstandard")}.get(ending, ()):

@@ -26,6 +26,7 @@ def test_a_pair_is_its_equations():
     assert Pair(400.0, 250.0, 30.0).matrices[1][3, 0] == 250.0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("share", [1.0, 0.0])
 def test_gains_damp_the_vibration_of_pairs_of_position_drives(share):
     """The vibration with the drive alone is damped by less than 0.1 over the range of λ; with the gains by 0.3."""
@@ -46,6 +47,7 @@ def test_gains_damp_the_vibration_of_pairs_of_position_drives(share):
     assert np.sort(np.abs(np.linalg.eigvals(loop))) == pytest.approx(np.sort(np.abs(pair.modes(k, 1e-3))))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.costs("the law of one robot, traced with its inverse mass matrix")
 @pytest.mark.parametrize("share", [1.0, 0.0])
 def test_the_law_of_an_arm_is_that_of_its_pairs_where_drives_are_alike(share):

@@ -21,6 +21,7 @@ def filtered(q: float, r: float, offset: float = 0.0, truth: bool = False) -> Fi
     return FilteredLog(robot, log, filter, data, fh.consistency(data), {})
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(
     ("q", "r", "offset", "fits", "anchors", "absent"),
     [

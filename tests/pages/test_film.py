@@ -103,9 +103,7 @@ def test_an_encoder_that_fails_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_cannot_be_filmed_is_refused_first(
-    made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_filmed_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, what in (
         ("arm.avi", r"\.mp4 or \.gif(?s:.)*arm\.avi"),
         ("missing/arm.gif", "film(?s:.)*missing"),
@@ -116,12 +114,17 @@ def test_what_cannot_be_filmed_is_refused_first(
     with refused_with(InvalidInput, "flexhinf[video]"):
         check_film(tmp_path / "arm.mp4")
     assert check_film(tmp_path / "arm.gif")
+
+
+@pytest.mark.ci("compiles and runs a loop")
+def test_of_a_run_without_samples_there_is_no_film_and_of_one_that_diverged_a_part(
+    made: tuple[DeployedRun, RealTimeRun],
+) -> None:
     prepared, run = made
     signals = {"state": np.zeros((0, 8)), "input": np.zeros((0, 2))}
     empty: Any = SimpleNamespace(trajectory=replace(run.trajectory, time=np.zeros(0), signals=signals))
     with refused_with(InvalidInput, "sample"):
         ArmFilm(prepared, empty)
-    # of a run that diverged what was finite
     diverged = run.trajectory.signals["input"].copy()
     diverged[20:] = np.nan
     broken = replace(run.trajectory, signals={**run.trajectory.signals, "input": diverged})

@@ -153,6 +153,7 @@ def test_weights_have_the_inverse_unit_of_what_they_weigh(report_design: Make) -
     assert all(weight for _, weight, _ in found)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("ends", [(2e-5, 2.9e-4), (1.4e-4, 2.3e-4), (0.0, 0.03), (4.5, 11.0), (0.0, 2e4)])
 def test_numbers_beside_a_small_panel_do_not_touch(ends: tuple[float, float]) -> None:
     figure, (axis, *_) = small_panels(3, 1.9)

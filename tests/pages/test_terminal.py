@@ -73,6 +73,7 @@ def test_a_comparison_ends_with_a_screen(report_comparison: Comparison) -> None:
     assert "…" not in "".join(lines)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("count", [0, 1, 3, 40])
 def test_notes_and_rows_are_as_many_as_fit(count: int) -> None:
     def table(size: int) -> Table:

@@ -75,6 +75,7 @@ def test_what_acts_only_beyond_a_dead_zone_and_dry_friction_stay():
     ) == pytest.approx(plant.fastest_mode(), rel=1e-9)
 
 
+@pytest.mark.ci("compiles a filter with one state more")
 def test_a_stiffness_is_found():
     """A spring of 5 % more than stated, from link and motor positions of a moving arm."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

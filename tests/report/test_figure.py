@@ -148,6 +148,7 @@ def test_matplotlib_is_loaded_only_to_draw() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(
     "name", ["$\\frac$", "$x_1$ and $", "\\", "肘 😀", "$\\mathdefault{\\bad}$", "<b>&amp;"]
 )

@@ -130,6 +130,7 @@ def inside_a_container(command: list[str]) -> list[str]:
     return [*own, *command] if works else command
 
 
+@pytest.mark.ci("starts processes")
 @posix
 def test_two_containers_publish_whole_reports_at_one_place(tmp_path: Path) -> None:
     target = tmp_path / "r"

@@ -66,6 +66,7 @@ def test_the_operating_point_rests(extras):
     assert x[:2].tolist() == [0.3, -0.8]
 
 
+@pytest.mark.quick_cases(4)
 def test_every_robot_rests_at_home_and_can_be_designed_for(shipped):
     x, u = shipped.operating_point()
     assert np.abs(shipped.plant().derivative(x, u)).max() < 1e-10

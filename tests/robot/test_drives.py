@@ -185,6 +185,7 @@ def test_a_slower_drive_is_a_tolerance(write):
         robot.corner({"drive_bandwidth_a": -2.0})
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("drive", "rigid"), [("velocity", False), ("position", True), ("position", False)])
 def test_a_drives_torque_limit_is_that_of_mujoco(robot_of, drive, rigid):

@@ -96,6 +96,7 @@ def test_every_inertia_that_no_body_has_is_named_with_little_missing_too(
     }
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", sorted(catalogue()))
 def test_every_robot_of_the_catalogue_is_examined_without_a_fault(name: str) -> None:
     """Those of a single link too, which have an inertia about their axis and no mass."""

@@ -71,6 +71,7 @@ def along(polynomials: list[Polynomial], t: np.ndarray) -> list[np.ndarray]:
     ]  # fmt: skip
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.oracle
 def test_the_plant_moves_along_the_states(robot):
     """ẋ of the plant at (x(t), u(t)) is the derivative of x(t), taken by differences of order eight."""
@@ -146,6 +147,7 @@ def test_the_way_back(robot):
         np.testing.assert_allclose(one, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
 
 
+@pytest.mark.quick_cases(5)
 def test_laws_can_trace_it_with_other_parameters(robot):
     """On symbols, parameters included: other numbers need no new trace."""
     n, table = len(robot.joint_names), robot.plant().parameters
@@ -162,6 +164,7 @@ def test_laws_can_trace_it_with_other_parameters(robot):
         np.testing.assert_allclose(found[1], u, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.oracle
 def test_the_last_chain_is_the_decoupling_matrix(robot):
     """∂u/∂q⁗ is J K⁻¹ M(q), times R/k_t for voltages, [spong1987]."""

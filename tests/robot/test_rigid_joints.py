@@ -38,6 +38,7 @@ def of(case):
     return mixed(name, *(joints[i] for i in places)), load_robot(name), list(places)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("case", ROBOTS, ids=str)
 def test_states_and_signals_of_a_rigid_joint(case):
     robot, _, rigid = of(case)
@@ -86,6 +87,7 @@ def test_accelerations_are_pinocchios_with_the_rotors_as_armature(case, rigid, p
         np.testing.assert_allclose(plant.derivative(x, u, d), expected, atol=1e-10 * np.abs(expected).max())
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("case", ROBOTS, ids=str)
 def test_the_limit_of_ever_stiffer_springs(case):
@@ -121,6 +123,7 @@ def test_mujoco_integrates_a_mixed_arm_to_the_same_motion():
     np.testing.assert_allclose(box.output(), x, atol=1e-9)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("case", ROBOTS, ids=str)
 def test_feedforward_is_the_inverse_of_the_flow(case):
     robot, _, _ = of(case)

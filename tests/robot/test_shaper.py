@@ -31,6 +31,7 @@ def with_rigid(robot, joint):
     return replace(robot, parameters=kept, rigid=(joint,))
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("drive", ["position", "velocity"])
 @pytest.mark.parametrize(
     ("name", "rigid"),

@@ -60,7 +60,7 @@ def along(coefficient_vector: np.ndarray, direction: np.ndarray, degree: int) ->
     )
 
 
-@pytest.mark.quick_cases(17)
+@pytest.mark.quick_cases(10)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", EXPRESSIONS)
 @pytest.mark.parametrize("point", POINTS)

@@ -62,6 +62,7 @@ def run_in_lanes(
     return result
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("lanes", [2, 4, 8, 16])
 def test_the_bits_do_not_depend_on_the_lanes(lanes):
     steps = 10_000

@@ -30,7 +30,7 @@ FUSED = pytest.mark.parametrize("fused", [False, True])
 WORST = {False: 2.5, True: 2.0}
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @FUSED
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -44,6 +44,7 @@ def test_error_is_below_some_units_in_the_last_place(name, bounds, fused, pointw
     assert worst_ulp(name, points, pointwise(FUNCTIONS[name], points, fused=fused)) < WORST[fused]
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @FUSED
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -62,6 +63,7 @@ def test_far_angles_are_right_to_one_unit_in_the_last_place(name, fused, pointwi
     np.testing.assert_array_equal(pointwise(FUNCTIONS[name], points, fused=fused), found)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @FUSED
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -100,6 +102,7 @@ def test_a_far_argument_in_one_lane_does_not_change_its_neighbours(name, fused, 
     assert worst_ulp(name, mixed[:1], got[:1]) < 1.0
 
 
+@pytest.mark.quick_cases(5)
 @FUSED
 @pytest.mark.parametrize("lanes", [1, 8])
 @pytest.mark.parametrize("choosing", [False, True])
@@ -149,7 +152,7 @@ def test_what_is_done_again_for_a_far_angle_still_has_its_arguments():
     np.testing.assert_allclose(found, [np.sin(start[1]), np.cos(start[0]) + start[1]], rtol=1e-15)
 
 
-@pytest.mark.quick_cases(7)
+@pytest.mark.quick_cases(4)
 @FUSED
 @pytest.mark.parametrize("angles", [1, 2, 3, 7, 8, 11])
 @pytest.mark.parametrize("far", [False, True])

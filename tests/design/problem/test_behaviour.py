@@ -47,6 +47,7 @@ def test_of_many_gains_the_plant_is_sampled_once(
     assert held == pytest.approx(whole.B, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ("name", "price"),
     [

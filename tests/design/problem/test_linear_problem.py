@@ -29,6 +29,7 @@ def _game(robot: Any, pace: float, damping: float, torques: bool) -> tuple[Linea
     return game, robot.problem(scales.penalty(paces, damping), pose=goal, **which)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("torques", [False, True])
 @pytest.mark.parametrize("name", ["paper", "cart", "planar-two-link"])
 def test_it_is_the_linear_part_of_the_robots_problem(

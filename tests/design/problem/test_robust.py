@@ -136,7 +136,7 @@ def _drawn(rng: np.random.Generator, count: int, channels: int) -> Iterator[np.n
         yield rng.choice([-1.0, 1.0], channels) if k % 2 else rng.uniform(-1.0, 1.0, channels)
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("name", CASES)
 def test_every_robot_of_the_channels_is_stable_and_attains_the_level(
     case_of: Callable[[str], Case], name: str
@@ -163,6 +163,7 @@ def test_the_gain_made_without_channels_exceeds_that_level_somewhere(
     assert case.worst(gain, np.random.default_rng(3), 4) > case.gamma
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("name", [name for name in CASES if name not in PART_ONLY])
 def test_the_robots_corners_themselves_attain_the_level(case_of: Callable[[str], Case], name: str) -> None:
     """A(p), B(p) of the family, all parameters at their ends at once; the channels cover them but for products."""

@@ -174,6 +174,7 @@ def test_a_bandwidth_out_of_reach_is_refused_with_the_best(robot_of: Callable[[s
     check(case, case.search(share, 0.0), case.target(share, 0.0))
 
 
+@pytest.mark.ci("two more searches")
 def test_a_family_that_is_more_uncertain_needs_a_larger_damping_weight(
     robot_of: Callable[[str], Any],
 ) -> None:

@@ -34,7 +34,7 @@ def _deltas(
     return deltas, float(np.linalg.norm(table @ deltas - wanted) / max(np.linalg.norm(wanted), 1e-300))
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("name", "pose"), [("paper", (0.4,)), ("quanser-rotflex", (0.3,)), ("vertical-rig", (2.0,))]
 )
@@ -60,6 +60,7 @@ def test_of_a_single_link_each_parameter_is_covered_exactly(
     assert looked >= 6
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     "name", ["planar-two-link", "cart", pytest.param("seven-link", marks=pytest.mark.ci("seven joints"))]
 )
@@ -84,6 +85,7 @@ def test_of_several_links_each_parameter_is_covered_but_for_its_bend(
             assert np.abs(deltas).max() <= 1.0 + 2.0 * left + 1e-8, parameter
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     "parameter", ["stiffness_elbow", "stiffness_shoulder", "rotor_inertia_elbow", "resistance_shoulder"]
 )

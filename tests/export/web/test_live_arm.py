@@ -28,6 +28,7 @@ def in_javascript(values: Any) -> str:
     return json.dumps(np.asarray(values, dtype=float).tolist())
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", sorted(fh.catalogue()))
 def test_the_numbers_of_a_robot_are_packed_as_in_python(name: str) -> None:
     """Every robot of the catalogue: the traced function gives the bits of `Robot.plant_parameters`."""

@@ -165,6 +165,7 @@ def test_a_design_in_python_becomes_a_page(paper: LiveArm, tmp_path: Path) -> No
 
 
 # What is shown ---------------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", sorted(fh.catalogue()))
 def test_sliders_go_three_times_as_far_as_tolerances(name: str) -> None:
     robot = fh.load_robot(name)

@@ -114,6 +114,7 @@ def test_composed_equals_interpreted_and_any_lanes(made, routes, kind):
     np.testing.assert_array_equal(stepped(program, composed, compile_program, 3), np.repeat(one, 3, axis=2))
 
 
+@pytest.mark.ci("compiles a loop in both forms; steps in both are quick")
 @pytest.mark.oracle
 def test_the_composed_loop_equals_that_of_one_trace(made, routes):
     plant = paper_arm().plant(inductance=True)

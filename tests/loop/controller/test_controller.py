@@ -97,6 +97,7 @@ def test_reset_forgets_everything(controller):
     assert record() == first
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("redraw", [True, False])
 def test_reset_at_a_state_is_an_estimator_that_starts_there(made, redraw):
     there = [0.5, 0.1, 0.6, -0.2]

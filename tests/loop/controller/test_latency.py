@@ -64,6 +64,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
     return total[:2, :2], total[:2, 2:]
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1, 2, 5])
 def test_a_linear_loop_is_the_recursion_of_its_matrices(latency: int) -> None:

@@ -55,7 +55,7 @@ def test_copies_round_alike() -> None:
     assert twice.fresh(fused=True).fused is True
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles a loop; steps are quick")
 @pytest.mark.parametrize("fused", [False, True])
 def test_a_compiled_loop_rounds_as_its_controller(fused: bool) -> None:
     controller = made().fresh(fused)

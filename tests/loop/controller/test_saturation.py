@@ -99,7 +99,7 @@ def arm(request: pytest.FixtureRequest, made: Any) -> Arm:
     return Arm(made.LinearLaw, chain(inertias, coupling), effort)
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("what", ["brakes", "jump", "undersized", "stops", "back"])
 def test_all_motors_at_their_limits_at_once(arm: Arm, what: str) -> None:
     """All joints are commanded elsewhere at once: with brakes closed for half a second at a random instant, as they
@@ -134,6 +134,7 @@ def test_a_joint_far_from_its_goal_does_not_drop_what_others_hold(arm: Arm) -> N
     assert angles[:, 0].max() < 0.55
 
 
+@pytest.mark.quick_cases(2)
 def test_integrals_wait_at_a_limit_for_as_long_as_it_lasts(arm: Arm) -> None:
     """Brakes closed for 4 s leave no more behind than for 0.4 s."""
     goal = np.tile(np.full(arm.n, 0.4), (3200, 1))

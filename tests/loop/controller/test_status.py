@@ -280,7 +280,7 @@ def test_an_event_freezes_the_command_where_the_joint_is_until_a_reset(event: st
     assert controller.status == fh.Status(0)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles a loop; a controller that brakes is quick")
 @pytest.mark.parametrize("plant", ["equations", "mujoco"])
 @pytest.mark.parametrize("by_name", [False, True])
 def test_a_loop_brakes_its_command_as_the_signal_that_is_braked(plant: str, by_name: bool) -> None:

@@ -81,7 +81,7 @@ def assert_same_steps(one: fh.Controller, other: fh.Controller, count: int = 40)
         np.testing.assert_array_equal(other._history.memory, one._history.memory)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_of_the_house_returns_with_the_same_bits(name: str, tmp_path: Path) -> None:

@@ -207,6 +207,7 @@ def weighted(x, p):
     return np.array([WEIGHT * x[0], x[1]])
 
 
+@pytest.mark.ci("solves for one more law")
 def test_a_penalty_stays_what_it_was_and_a_changed_one_is_refused(monkeypatch):
     problem = plant_of(falling, measured).with_objective(Penalty(weighted), disturbances=("push",))
     solution = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=4)

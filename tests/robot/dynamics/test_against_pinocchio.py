@@ -38,6 +38,7 @@ def test_every_robot_of_the_catalogue(shipped, rigid, pinocchio_model):
     compare(model, tree, bodies_of(tree, mass, centre, inertia), fall, np.random.default_rng(1), 20)
 
 
+@pytest.mark.quick_cases(20)
 @pytest.mark.oracle
 @pytest.mark.parametrize("seed", range(40))
 def test_random_trees_of_both_kinds_of_joints(seed, random_links, pinocchio_model):

@@ -99,6 +99,7 @@ def test_a_seven_link_arm_is_about_1400_operations_with_free_parameters():
     assert traced.n_instructions() - loads_and_stores <= 1450
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("degree", [3, 5])
 def test_taylor_coefficients_of_seven_accelerations_in_21_variables(degree):
