@@ -86,6 +86,7 @@ def braking(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], tuple[fh.C
 
 
 # What it watches ----------------------------------------------------------------------------------------
+@pytest.mark.costs("the law and the setup of all tests here")
 def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     """The joint ranges, a box, the box of poses with room for splines; of a box in space the joint ranges."""
     poses = [[-0.5, 0.2], [0.5, 1.0], [0.1, -0.4]]
