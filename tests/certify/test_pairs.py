@@ -363,7 +363,7 @@ def forged(numbers, rng):
     """A file that says more than is proved, or of another law or loop than its storages are."""
     file = copy.deepcopy(numbers)
     (one,) = file["intervals"]
-    first, last = one["storages"]
+    first, *_, last = one["storages"]
     kinds = ["rate", "law", "number", "entry", "sign", "scale", "range", "latency"]
     kinds += ["sector"] * (file["lower"] > 0.0) + ["springs"] * (file["softer"] > 0.0)
     kinds += ["multiplier", "weight"] * (file["rate_weight"] > 0.0)

@@ -73,8 +73,8 @@ def test_products_inverses_and_exponentials_are_enclosed_and_narrowly(variables)
 
 
 def test_a_remainder_is_no_wider_than_what_is_left_out():
-    """(1 + v)⁵ less its terms of degree 4 and less is v⁵, and (1 + u)⁷ has 7u⁶ + u⁷ beyond the fifth power."""
-    for variable, power, left in ((V, 5, 1.0), (U, 7, 8.0)):
+    """(1 + v)⁷ less its terms of degree 6 and less is v⁷, and (1 + u)⁹ has 9u⁸ + u⁹ beyond the seventh power."""
+    for variable, power, left in ((V, 7, 1.0), (U, 9, 10.0)):
         factor = TaylorMatrix({CONSTANT: arb_mat([[1]]), variable: arb_mat([[1]])})
         found = factor
         for _ in range(power - 1):

@@ -57,6 +57,13 @@ def found(pairs: SampledPairs) -> tuple[PopovTolerance, dict[str, Any]]:
     return tolerance, json.loads(json.dumps(numbers))
 
 
+def lagrange(place: float, count: int) -> np.ndarray:
+    """Weights of values at equidistant places, 0 to 1, in their polynomial at a place."""
+    nodes = np.linspace(0.0, 1.0, count)
+    others = [np.delete(nodes, k) for k in range(count)]
+    return np.array([np.prod((place - other) / (own - other)) for own, other in zip(nodes, others)])
+
+
 def late_radius(
     pairs: SampledPairs, links: np.ndarray, error: np.ndarray, springs: np.ndarray, late: float
 ) -> float:
@@ -168,17 +175,19 @@ def test_search_and_checker_compute_the_same_game(
 def test_the_inequality_holds_between_the_ends_of_boxes(
     pairs: SampledPairs, found: tuple[PopovTolerance, dict[str, Any]]
 ) -> None:
-    """At random λ and θ, by the search's numbers, with P bilinear in both."""
+    """At random λ and θ, by the search's numbers, with P as Lagrange's polynomial of both."""
     claim, rng = pair_claim(found[1]), np.random.default_rng(2)
     errors, multipliers = Errors(Sector(claim.lower, claim.upper)), found[0].multipliers
     assert max(map(len, claim.delays)) > 2
+    each, count = len(claim.storages[0]) // (len(claim.delays[0]) - 1), claim.storages[0].shape[1]
+    assert min(each, count) > 2
     for k in rng.integers(len(claim.storages), size=20):
         box = int(rng.integers(len(claim.delays[k]) - 1))
         u, v = rng.random(2)
         begin, end = claim.delays[k][box : box + 2]
         link, late = claim.links[k] + u * (claim.links[k + 1] - claim.links[k]), begin + v * (end - begin)
-        weights = np.array([[(1 - v) * (1 - u), (1 - v) * u], [v * (1 - u), v * u]])
-        p = np.tensordot(weights, claim.storages[k][box : box + 2], 2)
+        weights = np.outer(lagrange(float(v), each), lagrange(float(u), count))
+        p = np.tensordot(weights, claim.storages[k][box * each : (box + 1) * each], 2)
         a, q, w = worst_period(pairs.late_by(late), float(link), errors, multipliers, claim.rate)
         root = np.linalg.inv(np.linalg.cholesky(p)).T
         n = np.block([[p - q, a.T @ p], [p @ a, p - p @ w @ p]])
@@ -201,13 +210,14 @@ def test_forged_delays_are_not_accepted(found: tuple[PopovTolerance, dict[str, A
         (DELAY, [0.0, *reversed(one["delays"][1:-1]), DELAY] if len(one["delays"]) > 3 else [0.0] * 3),
         (DELAY, [0.0, DELAY, DELAY]),
         (DELAY, one["delays"][:-1]),
+        (DELAY, np.linspace(0.0, DELAY, len(one["storages"]) + 2).tolist()),
         (DELAY, None),
         (True, one["delays"]),
     ):
         file = {**numbers, "delay": delay, "intervals": [{**one, "delays": delays}]}
         with pytest.raises(InvalidInput, match="certificate"):
             pair_claim(file)
-    ends = {"delays": [0.0, DELAY], "storages": [one["storages"][0]] * 2}
+    ends = {"delays": [0.0, DELAY], "storages": one["storages"][:1]}
     assert check_pairs(pair_claim({**numbers, "intervals": [{**one, **ends}]})) == 0
     claim = pair_claim(numbers)
     storages = claim.storages[0][:1]

@@ -52,7 +52,7 @@ NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
 #: definite, in units of what errors can reach.
 DOUBLINGS, MORE, WEIGHT = 45, 0.05, 1e-3
 
-#: Share of the largest eigenvalue of Y that counts as reached.
+#: Share of its largest eigenvalue that is added to those of Y.
 REACHED = 1e-7
 
 #: The rooms at which a lift is looked for, and the share of an entry of P by which it clears 0.
@@ -345,16 +345,25 @@ def near_modes(modes: np.ndarray) -> np.ndarray:
     return np.clip(near.ravel(), 1e-6, np.pi)
 
 
-def storage(worst: WorstPeriod, better: WorstPeriod) -> np.ndarray | None:
-    """P (n, n) with the most room in N > 0 of a better worst period; None where there is none.
+class Storages(NamedTuple):
+    """Solutions P, and how much room each leaves in N > 0."""
 
-    It is the smallest solution of P = Q + Aᵀ P (1 − W P)⁻¹ A, its geometric mean with the largest, or the mean of both.
+    matrices: np.ndarray  # (3, n, n)
+    rooms: np.ndarray  # (3,), the least eigenvalue of N in the unit of P
+
+
+def storages(worst: WorstPeriod, better: WorstPeriod) -> Storages | None:
+    """P of a worst period with their rooms in N > 0 of a better one; None where there is none.
+
+    They are the smallest solution of P = Q + Aᵀ P (1 − W P)⁻¹ A, its geometric mean with the largest, and the mean of
+    both. Each is smooth in λ and θ, and the one with the most room is not.
     """
     found = _solutions(worst)
     if found is None or np.linalg.eigvalsh(found[0])[0] <= 0.0:
         return None
     smallest, far = found[0], _geometric_mean(*found)
-    return max((far, 0.5 * (far + smallest), smallest), key=lambda p: _smallest_eigenvalue(better, p))
+    every = np.array([far, 0.5 * (far + smallest), smallest])
+    return Storages(every, np.array([_smallest_eigenvalue(better, p) for p in every]))
 
 
 def _smallest_eigenvalue(worst: WorstPeriod, p: np.ndarray) -> float:
@@ -373,8 +382,8 @@ def _geometric_mean(smallest: np.ndarray, y: np.ndarray) -> np.ndarray:
     size = np.sqrt(np.maximum(np.abs(np.diag(y)), 1e-300))
     values, vectors = np.linalg.eigh(y / np.outer(size, size))
     # Y⁻¹ has no bound for states that no error reaches.
-    root = vectors / np.sqrt(np.maximum(values, REACHED * values[-1])) / size[:, None]
-    back = (size[:, None] * vectors * np.sqrt(np.maximum(values, REACHED * values[-1]))).T
+    kept = np.sqrt(np.maximum(values, 0.0) + REACHED * values[-1])
+    root, back = vectors / kept / size[:, None], (size[:, None] * vectors * kept).T
     ratios, turn = np.linalg.eigh(back @ smallest @ back.T)
     if ratios[0] <= 0.0:
         return smallest
@@ -415,12 +424,12 @@ class PairStorages:
     multipliers: Multipliers
     rate: float  # α, 1/s
 
-    def at(self, link: float, room: float, late: float = 0.0) -> np.ndarray | None:
-        """P (n, n) for a θ, its room a share of the distance of the slowest mode from the unit circle; None where there
-        is none."""
+    def at(self, link: float, room: float, late: float = 0.0) -> Storages | None:
+        """P for a θ, with a room that is a share of the distance of the slowest mode from the unit circle; None where
+        there is none."""
         worst, loop = self._period(link, late)
         wide = self._widened(worst, loop, room)
-        return None if wide is None else storage(wide, worst)
+        return None if wide is None else storages(wide, worst)
 
     def lifted(self, count: int = 12) -> PairStorages:
         """The same with numbers c that make P positive at `count` λ where some do."""

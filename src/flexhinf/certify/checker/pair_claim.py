@@ -28,6 +28,9 @@ SCALARS = [*LOOP, *ERRORS, "spring_damping", *MULTIPLIERS]
 #: Most intervals, states of a pair, terms of a filter's series, and filters of the multiplier in a file.
 MOST = 100_000, 40, 2_000, 4
 
+#: Most λ, and most θ, of a storage in an interval.
+NODES = 8
+
 
 class PairClaim(NamedTuple):
     """The numbers of a file, all finite; units in `flexhinf.modal.pair`."""
@@ -68,7 +71,9 @@ class PairClaim(NamedTuple):
     delay: float  # θ₁, samples: the unknown delay is between 0 and this
     links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
     delays: list[list[float]]  # (N, k), 0 to θ₁ in each of these, in samples
-    storages: list[np.ndarray]  # (N, k, 2, n, n), P at these θ, at both ends of the interval
+    storages: list[
+        np.ndarray
+    ]  # (N, (k − 1) d, m, n, n), P at d equidistant θ between each two, and at m such λ
 
     @property
     def exact(self) -> PairClaim:
@@ -159,7 +164,11 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
         delays = [finite_numbers(part["delays"], 1).tolist() if delayed else [0.0] for part in parts]
         storages = [
-            _symmetric(finite_numbers(part["storages"] if delayed else [part["storages"]], 3), len(own), n)
+            _symmetric(
+                finite_numbers(part["storages"] if delayed else [part["storages"]], 3),
+                max(1, len(own) - 1),
+                n,
+            )
             for part, own in zip(parts, delays)
         ]
         if any(part["low"] != low for part, low in zip(parts, links.tolist())):
@@ -234,11 +243,13 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     )
 
 
-def _symmetric(triangles: np.ndarray, count: int, n: int) -> np.ndarray:
-    """Matrices (count, 2, n, n) of their lower triangles."""
-    if triangles.shape != (count, 2, n * (n + 1) // 2):
+def _symmetric(triangles: np.ndarray, boxes: int, n: int) -> np.ndarray:
+    """Matrices (k, m, n, n) of their lower triangles, as many of the k in each of some boxes."""
+    late, links, size = triangles.shape
+    each = late // boxes
+    if size != n * (n + 1) // 2 or late != boxes * each or not 2 <= links <= NODES or not 1 <= each <= NODES:
         raise ValueError("a storage has another shape")
-    matrices = np.zeros((count, 2, n, n))
+    matrices = np.zeros((late, links, n, n))
     rows, columns = np.tril_indices(n)
     matrices[..., rows, columns] = matrices[..., columns, rows] = triangles
     return matrices

@@ -1,9 +1,10 @@
 """Check in ball arithmetic that all pairs of a range of λ tolerate the errors of masses and springs that a file states.
 
-The file has the law of the pairs, the loop, two sectors, multipliers, and intervals of λ with P at both ends. P(λ) is
-linear between these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is
-a polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less a part of
-all that follows. With an unknown delay θ an interval is divided into boxes, in which P is bilinear in λ and θ.
+The file has the law of the pairs, the loop, two sectors, multipliers, and intervals of λ with P at some λ of each.
+P(λ) is the polynomial through these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In
+an interval its blocks are polynomials of −1 ≤ u ≤ 1 with remainders (`TaylorMatrix`), and so is the Schur complement of
+the last one, which is shown to be positive (`congruence`). With an unknown delay θ an interval is divided into boxes,
+in which P is a polynomial of λ and θ.
 
 Nothing is imported from the search. Every number of the file is a double, and read as this rational number.
 """
@@ -20,15 +21,15 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
-from flint import arb, arb_mat, arb_series, ctx
+from flint import arb, arb_mat, arb_series, ctx, fmpq, fmpq_mat
 
+from flexhinf.certify.checker.congruence import middles, near_unit, towards_unit
 from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
 from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.pair_flow import free_flow, pair_flow
 from flexhinf.certify.checker.taylor_matrix import (
     NO_ENCLOSURE,
     TaylorMatrix,
-    frobenius,
     positive_definite,
     taylor_row,
 )
@@ -36,14 +37,11 @@ from flexhinf.certify.checker.taylor_matrix import (
 #: Bits of the balls.
 BITS = 106
 
-#: Share of a matrix by which its negative part is made larger.
-MORE = 1e-6
-
 #: A period is divided into so many parts, each at most so many times into two, in which Φ₂₂ is regular.
 PARTS, HALVINGS = 4, 8
 
-#: Degree of u and v together up to which parts of N that bend count by their directions; the others count by norms.
-BENT = 3
+#: Degree of the factors by which P and a Schur complement are compared with the unit matrix.
+FACTOR = 3
 
 
 class CheckedPairs(NamedTuple):
@@ -78,11 +76,11 @@ def check_pairs(claim: PairClaim) -> CheckedPairs | int:
 
 
 class Box(NamedTuple):
-    """An interval of λ, in 1/s², and one of θ, in samples, or one θ; P at their ends."""
+    """An interval of λ, in 1/s², and one of θ, in samples, or one θ; P at equidistant ones of both, with their ends."""
 
     links: tuple[float, float]
     delays: tuple[float, float]
-    storages: np.ndarray  # (2, 2, n, n), at the ends of θ and of λ; (1, 2, n, n) for one θ
+    storages: np.ndarray  # (k, m, n, n), at k values of θ, and at m of λ
 
 
 def interval_proved(claim: PairClaim, k: int) -> bool:
@@ -90,10 +88,8 @@ def interval_proved(claim: PairClaim, k: int) -> bool:
     (low, high), delays, storages = claim.links[k : k + 2].tolist(), claim.delays[k], claim.storages[k]
     if not claim.delay:
         return box_proved(claim, Box((low, high), (0.0, 0.0), storages))
-    return all(
-        box_proved(claim, Box((low, high), ends, storages[i : i + 2]))
-        for i, ends in enumerate(pairwise(delays))
-    )
+    boxes = zip(pairwise(delays), np.split(storages, len(delays) - 1))
+    return all(box_proved(claim, Box((low, high), ends, own)) for ends, own in boxes)
 
 
 def box_proved(claim: PairClaim, box: Box) -> bool:
@@ -116,57 +112,53 @@ def _balls() -> Generator[None]:
 
 
 def _proves(claim: PairClaim, box: Box) -> bool:
-    (low, high), (begin, end) = map(arb, box.links), map(arb, box.delays)
-    root = arb_mat(np.linalg.cholesky(box.storages.mean(axis=(0, 1))).T.tolist())
-    inverse = root.inv()
-    corners = [[inverse.transpose() * arb_mat(p.tolist()) * inverse for p in row] for row in box.storages]
-    if not all(positive_definite(p) for row in corners for p in row):
-        return False
-    half, rows = arb(0.5), [((first + last) * arb(0.5), (last - first) * arb(0.5)) for first, last in corners]
-    p = TaylorMatrix({(k, 0): (rows[0][k] + rows[-1][k]) * half for k in (0, 1)})
-    if len(rows) > 1:
-        p += TaylorMatrix(
-            {(0, 0): corners[0][0] * 0, **{(k, 1): (rows[1][k] - rows[0][k]) * half for k in (0, 1)}}
-        )
-    worst = _loop(claim, (low + high) / 2, (high - low) / 2, ((begin + end) / 2, (end - begin) / 2))
-    return _positive(_inequality(worst, p, root, inverse))
+    """P > 0, and N > 0 by P − PWP > 0 and by N's Schur complement S = P − Q − AᵀP (1 − WP)⁻¹ A > 0.
 
-
-def _positive(matrix: TaylorMatrix) -> bool:
-    """Whether a symmetric matrix is positive definite at all u and v.
-
-    What is linear in u and in v is so if it is at their ends. A part M uᵏvˡ is not below −D for D ≥ 0 with M + D ≥ 0,
-    and D − M ≥ 0 too where k or l is odd.
+    P − PWP is positive in the middle of the box, and regular everywhere, as 1 − WP is.
     """
-    value, norms = matrix.constant, frobenius(matrix.remainder.entries())
-    loss, linear = value * 0, dict[tuple[int, int], arb_mat]()
-    for (k, l), part in matrix.terms.items():
-        if max(k, l) < 2:
-            linear[k, l] = part
-        elif k + l > BENT:
-            norms += frobenius(part.entries())
-        else:
-            odd = bool(k % 2 or l % 2)
-            own = _below(part, odd)
-            if not positive_definite(own + part) or (odd and not positive_definite(own - part)):
-                return False
-            loss += own
-    loss += arb_mat(np.eye(value.nrows()).tolist()) * norms
-    ends = [1, -1] if any(l for _, l in linear) else [1]
-    return all(
-        positive_definite(sum((part * (u**k * v**l) for (k, l), part in linear.items()), -loss))
-        for u, v in product((1, -1), ends)
+    (low, high), (begin, end) = map(arb, box.links), map(arb, box.delays)
+    p = _polynomial(box.storages)
+    root = arb_mat(np.linalg.cholesky(middles(p.constant)).T.tolist())
+    turn, back = TaylorMatrix.of(root.tolist()), TaylorMatrix.of(root.inv().tolist())
+    worst = _loop(claim, (low + high) / 2, (high - low) / 2, ((begin + end) / 2, (end - begin) / 2))
+    # In the coordinates root · ξ.
+    p, w = back.transpose() @ p @ back, turn @ worst.w @ turn.transpose()
+    even = towards_unit(p, FACTOR, by_size=False)
+    if even is None or not near_unit(even.transpose() @ p @ even):
+        return False
+    if not positive_definite(p.constant - p.constant * w.constant * p.constant):
+        return False
+    unit, a = TaylorMatrix.of(np.eye(claim.states, dtype=int).tolist()), turn @ worst.a @ back
+    grown = p @ (unit - w @ p).inverse()
+    s = p - back.transpose() @ worst.q @ back - a.transpose() @ grown @ a
+    s = even.transpose() @ s @ even
+    other = towards_unit(s, FACTOR, by_size=True)
+    return other is not None and near_unit(other.transpose() @ s @ other)
+
+
+def _polynomial(values: np.ndarray) -> TaylorMatrix:
+    """The polynomial of u and v through matrices at equidistant v and u, (k, m, n, n)."""
+    rows, columns = (_weights(count) for count in values.shape[:2])
+    parts = [[arb_mat(one.tolist()) for one in row] for row in values]
+    return TaylorMatrix(
+        {
+            (i, j): sum(
+                (
+                    parts[l][k] * (rows[j][l] * columns[i][k])
+                    for l, k in product(range(len(rows)), range(len(columns)))
+                ),
+                parts[0][0] * 0,
+            )
+            for j, i in product(range(len(rows)), range(len(columns)))
+        }
     )
 
 
-def _below(matrix: arb_mat, either: bool) -> arb_mat:
-    """The negative part of a symmetric matrix, or of that and its negative, some more than that; of the middles of its
-    balls."""
-    middle = np.array([[float(entry.mid()) for entry in row] for row in matrix.tolist()])
-    values, vectors = np.linalg.eigh(0.5 * (middle + middle.T))
-    kept = np.abs(values) if either else np.maximum(-values, 0.0)
-    part = (vectors * kept) @ vectors.T + MORE * np.abs(values).max() * np.eye(len(values))
-    return arb_mat((0.5 * (part + part.T)).tolist())
+def _weights(count: int) -> list[list[arb]]:
+    """Row k: by which the coefficient of uᵏ is a sum of values at equidistant u, −1 to 1; of one value this itself."""
+    places = [fmpq(2 * k, count - 1) - 1 for k in range(count)] if count > 1 else [fmpq(0)]
+    powers = fmpq_mat([[place**k for k in range(count)] for place in places])
+    return [[arb(one) for one in row] for row in powers.inv().tolist()]
 
 
 class _WorstPeriod(NamedTuple):
@@ -175,15 +167,6 @@ class _WorstPeriod(NamedTuple):
     a: TaylorMatrix
     q: TaylorMatrix
     w: TaylorMatrix
-
-
-def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: arb_mat) -> TaylorMatrix:
-    """N = [ P − Q   AᵀP ; PA   P − PWP ] in the coordinates root · ξ, which are those of p."""
-    turn, back = TaylorMatrix.of(root.tolist()), TaylorMatrix.of(inverse.tolist())
-    moved = p @ turn @ worst.a @ back
-    first = p - back.transpose() @ worst.q @ back
-    last = p - p @ (turn @ worst.w @ turn.transpose()) @ p
-    return TaylorMatrix.stacked([[first, moved.transpose()], [moved, last]])
 
 
 def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb(0), arb(0))) -> _WorstPeriod:

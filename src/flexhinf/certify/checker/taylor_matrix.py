@@ -19,7 +19,7 @@ from flint import arb, arb_mat, arb_series, ctx
 from scipy.linalg import matrix_balance
 
 #: Degrees below which polynomials have terms, of one variable and of two; most powers of a matrix in its exponential.
-TERMS, POWERS = (6, 5), 32
+TERMS, POWERS = (8, 7), 32
 
 #: Largest entry of a matrix that has an exponential here.
 LARGEST = 1e6

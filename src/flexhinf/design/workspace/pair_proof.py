@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -17,20 +18,27 @@ from flexhinf.certify.checker.pair_claim import (
 )
 from flexhinf.certify.checker.pairs import Box, box_proved, regular_at_first
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
-from flexhinf.modal.popov import NONE, Errors, PairStorages
+from flexhinf.modal.popov import NONE, Errors, PairStorages, Storages
 from flexhinf.modal.sampled_pairs import SampledPairs
 
-#: Lengths of an interval in log λ: the first, the largest, and the smallest of a room, without and with unknown delay.
-FIRST, LONGEST, SHORTEST = 0.1, 0.3, (3e-5, 1e-3)
+#: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
+FIRST, LONGEST, SHORTEST = 0.1, 0.5, 1e-3
 
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
 MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 2e-5, 12
 
-#: First intervals of an unknown delay, the shortest as a share of it; how often all are kept before fewer are tried.
-HALVES, FINEST, UNDIVIDED = 2, 1.0 / 64.0, 4
+#: λ and θ of an interval through which P is a polynomial of each.
+OF_LINKS, OF_DELAY = 4, 3
+
+#: Intervals of an unknown delay: how many at first, the shortest as a share of it, how often all are kept before fewer
+#: are tried, and the length of an interval in log λ that is made shorter before they are divided.
+HALVES, FINEST, UNDIVIDED, DIVIDED = 2, 1.0 / 64.0, 2, 0.07
 
 #: Shares of a tolerance that are tried in turn, and with errors of springs; of the slowest decay, tried as a rate.
 SHARES, SPRUNG, RATES = (0.97, 0.9, 0.7), (0.9, 0.7), (0.005, 0.0)
+
+#: Factors of a length after a success and after a failure.
+LONGER, SHORTER = 1.2, 0.7
 
 Numbers = dict[str, Any]
 
@@ -42,7 +50,7 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
     """
     low, high = map(float, storages.pairs.gains.ends)
     place, length, room, successes = low, FIRST, MOST_ROOM, 0
-    boxes, intervals, shortest = _Boxes(storages), list[Numbers](), SHORTEST[storages.pairs.delay > 0.0]
+    boxes, intervals, shortest = _Boxes(storages), list[Numbers](), SHORTEST
     while place < high:
         end = min(high, place * float(np.exp(length)))
         found = boxes.proved((place, end), room)
@@ -50,13 +58,13 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
             room *= 0.5
         elif found:
             intervals.append(found)
-            place, length, successes = end, min(LONGEST, 1.4 * length), successes + 1
+            place, length, successes = end, min(LONGEST, LONGER * length), successes + 1
             if successes % SUCCESSES == 0:
                 room = min(MOST_ROOM, 2.0 * room)
             progress(float(np.log(place / low) / np.log(high / low)))
         elif boxes.irregular:
             return None
-        elif (length := 0.6 * length) < shortest:
+        elif (length := SHORTER * length) < shortest:
             length, room = 10.0 * shortest, 0.5 * room
         if room < SMALLEST_ROOM:
             return None
@@ -71,7 +79,7 @@ class _Boxes:
         self._claim: PairClaim | None = None
         self._delays = np.linspace(0.0, storages.pairs.delay, HALVES + 1).tolist()
         self._whole = 0  # intervals one after another that were not divided further
-        self._kept: dict[tuple[float, float, float], np.ndarray | None] = {}
+        self._kept: dict[tuple[float, float, float], Storages | None] = {}
         self.irregular = False  # whether Φ₂₂ is singular within a period
 
     def proved(self, links: tuple[float, float], room: float) -> Numbers | None:
@@ -79,17 +87,21 @@ class _Boxes:
         most = self._storages.pairs.delay
         if not most:
             return self._without_delay(links, room)
-        waiting, done = [*self._thinned()], [0.0]
+        waiting, done, kept = [*self._thinned()], [0.0], list[np.ndarray]()
+        usual = [*pairwise(self._delays)] if np.log(links[1] / links[0]) > DIVIDED else []
         divided = False
         while waiting:
             first, last = done[-1], waiting[0]
-            ends = [self._at(links, late, room) for late in (first, last)]
-            if any(p is None for row in ends for p in row):
+            ends = self._at(links, np.linspace(first, last, OF_DELAY), room)
+            if ends is None:
                 return None
-            if self._accepts(links, (first, last), np.array(ends)):
+            if self._accepts(links, (first, last), ends):
                 done.append(waiting.pop(0))
-            elif last - first <= FINEST * most or not self._accepts(
-                links, (first, first), np.array(ends[:1])
+                kept.append(ends)
+            elif (
+                (first, last) in usual
+                or last - first <= FINEST * most
+                or not self._accepts(links, (first, first), ends[:1])
             ):
                 return {}  # too long in λ
             else:
@@ -97,20 +109,14 @@ class _Boxes:
                 divided = True
         self._delays, self._whole = done, 0 if divided else self._whole + 1
         self._kept = {key: p for key, p in self._kept.items() if key[0] == links[1]}
-        rows = [self._at(links, late, room) for late in done]
-        one = _interval(*links, *(p for row in rows for p in row if p is not None))
-        parts = one["storages"]
-        return {**one, "delays": done, "storages": [parts[k : k + 2] for k in range(0, len(parts), 2)]}
+        return {**_interval(*links, np.vstack(kept)), "delays": done}
 
     def _without_delay(self, links: tuple[float, float], room: float) -> Numbers | None:
-        first, last = self._at(links, 0.0, room)
-        if first is None or last is None:
+        found = self._at(links, np.zeros(1), room)
+        if found is None:
             return None
-        return (
-            _interval(*links, first, last)
-            if self._accepts(links, (0.0, 0.0), np.array([[first, last]]))
-            else {}
-        )
+        whole = _interval(*links, found)
+        return {**whole, "storages": whole["storages"][0]} if self._accepts(links, (0.0, 0.0), found) else {}
 
     def _thinned(self) -> list[float]:
         """The ends of the last intervals of θ but 0; now and then every second one."""
@@ -120,20 +126,34 @@ class _Boxes:
         self._whole = 0
         return [*ends[1:-1:2], ends[-1]]
 
-    def _at(self, links: tuple[float, float], late: float, room: float) -> list[np.ndarray | None]:
-        for link in links:
-            if (link, late, room) not in self._kept:
-                self._kept[link, late, room] = self._storages.at(link, room, late)
-        return [self._kept[link, late, room] for link in links]
+    def _at(self, links: tuple[float, float], delays: np.ndarray, room: float) -> np.ndarray | None:
+        """P (k, m, n, n) at some θ and at equidistant λ, all of the kind with the most room; None where one has
+        none."""
+        nodes = [*np.linspace(*links, OF_LINKS)[:-1].tolist(), links[1]]
+        found = list[Storages]()
+        for late, link in product(delays.tolist(), nodes):
+            if (one := self._solved(link, late, room)) is None:
+                return None
+            found.append(one)
+        kind = np.argmax(np.min([one.rooms for one in found], axis=0))
+        matrices = np.array([one.matrices[kind] for one in found])
+        return matrices.reshape(len(delays), len(nodes), *matrices.shape[1:])
 
-    def _accepts(self, links: tuple[float, float], delays: tuple[float, float], ends: np.ndarray) -> bool:
+    def _solved(self, link: float, late: float, room: float) -> Storages | None:
+        if (link, late, room) not in self._kept:
+            self._kept[link, late, room] = self._storages.at(link, room, late)
+        return self._kept[link, late, room]
+
+    def _accepts(self, links: tuple[float, float], delays: tuple[float, float], found: np.ndarray) -> bool:
         if self._claim is None:
-            one = _interval(*links, *ends[0])
+            one = _interval(*links, found[:1])
             if most := self._storages.pairs.delay:
-                one |= {"delays": [0.0, most], "storages": [one["storages"]] * 2}
+                one |= {"delays": [0.0, most]}
+            else:
+                one |= {"storages": one["storages"][0]}
             self._claim = pair_claim(claim_numbers(self._storages, [one]))
             self.irregular = not regular_at_first(self._claim)
-        return not self.irregular and box_proved(self._claim, Box(links, delays, ends))
+        return not self.irregular and box_proved(self._claim, Box(links, delays, found))
 
 
 def largest_certificate(
@@ -203,5 +223,7 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
     }
 
 
-def _interval(low: float, high: float, *ends: np.ndarray) -> Numbers:
-    return {"low": low, "high": high, "storages": [p[np.tril_indices(len(p))].tolist() for p in ends]}
+def _interval(low: float, high: float, found: np.ndarray) -> Numbers:
+    """Of P (k, m, n, n): lower triangles."""
+    rows, columns = np.tril_indices(found.shape[-1])
+    return {"low": low, "high": high, "storages": found[..., rows, columns].tolist()}
