@@ -112,6 +112,9 @@ def found(monkeypatch: pytest.MonkeyPatch) -> Any:
         ({*SHARES}, {(28.0, 2.0)}, (28.0, 4.0), []),
         # what misses the limits with the usual γ is left to a slower law, whose usual γ is kept where it is proved
         ({*SHARES}, {(28.0, USUAL)}, (20.0, USUAL), []),
+        # no law keeps the limits with the usual γ: at last others are tried of what the grid refused
+        ({*SHARES}, {(28.0, USUAL), (20.0, USUAL), (14.0, USUAL)}, (28.0, 2.0), []),
+        ({*SHARES}, {*SHARES} - {(28.0, 4.0)}, (28.0, 4.0), []),
         # the proof of 2 γ* fails, and 4 γ* tolerates less: it is not tried
         ({(28.0, 4.0), (20.0, USUAL)}, set(), (20.0, USUAL), [(28.0, 2.0)]),
         # nor is 2 γ* at 20 rad/s, after 1.2 γ* failed; a slower law is

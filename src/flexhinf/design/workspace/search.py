@@ -6,6 +6,7 @@ import mmap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -122,14 +123,22 @@ def fastest_setup(
 
     `tolerant` gives those of some laws that do, the one that tolerates most first. It is asked only of what is nearer
     to the requirements than all before. A law that does not is left, with all its estimators; if it keeps the limits,
-    `OTHER_GAMMAS` are tried at its bandwidth before a slower one.
+    `OTHER_GAMMAS` are tried at its bandwidth before a slower one. Where no law is found that keeps the limits, they are
+    tried at last at the bandwidths of the others that were left, of the one that misses least first.
     """
     poses = ChosenPoses(robot, s, workspace, 2 if motors_alone(robot, s) else 4, tick)
     chosen: WorkspaceSetup | None = None
     faster: WorkspaceSetup | None = None
     least: list[float] | None = None
     damped: list[WorkspaceSetup] = []  # each nearer to the requirements than those before
-    for estimators in _candidates(robot, poses.wanted, workspace, progress):
+    left: list[tuple[list[float], WorkspaceSetup, list[WorkspaceSetup]]] = []  # laws that miss the limits
+
+    def of_other_gammas() -> Iterator[list[WorkspaceSetup]]:
+        for _, setup, own in sorted(left, key=lambda one: one[0]):
+            if least is None or any(least[:2]):
+                yield from _with_other_gammas(setup, own, progress, tolerant)
+
+    for estimators in chain(_candidates(robot, poses.wanted, workspace, progress), of_other_gammas()):
         if least is not None and not any(least[:3]):
             break
         before, laws = chosen, [estimators]
@@ -141,6 +150,8 @@ def fastest_setup(
                 if not tolerant([setup]):
                     if own is estimators and not any(excess[:2]):
                         laws = _with_other_gammas(setup, own, progress, tolerant)
+                    elif setup.gains.weights.gamma == GAMMA:
+                        left.append((excess.tolist(), setup, own))
                     break
                 if least is not None and chosen is before and faster is None and not least[0]:
                     faster = before
