@@ -6,6 +6,7 @@ import json
 import shutil
 import tomllib
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,24 @@ def test_what_is_of_one_pose_is_refused(
     words: list[str], what: str | tuple[str, ...], robot: str, folder: Path, refused: Callable[..., str]
 ) -> None:
     refused([words[0], robot, *words[1:]], what, folder)
+
+
+def test_certify_proves_with_the_unknown_delay_that_an_option_or_a_file_states(
+    folder: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What no proof holds is refused before any work."""
+    asked = list[int]()
+
+    def stop(request: Any, progress: object) -> None:
+        asked.append(request.specification.unknown_samples)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(import_module("flexhinf.design"), "requested_loop", stop)
+    refused(["certify", "planar-two-link", "--unknown-delay", "2ms"], ("unknown", "2 ms"), folder)
+    (folder / "late.toml").write_text('[design]\nrobot = "planar-two-link"\nunknown_delay = "1ms"\n')
+    for words in (["planar-two-link", "--unknown-delay", "1ms"], ["late.toml"], ["planar-two-link"]):
+        assert main(["certify", *words]) == 130
+    assert asked == [1, 1, 0]
 
 
 @pytest.mark.ci("designs a workspace and a pose")

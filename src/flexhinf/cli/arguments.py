@@ -395,7 +395,7 @@ def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
 def of_workspace_proof(request: DesignRequest) -> dict[str, str]:
     """Options of ``certify`` that a proof of a controller for a workspace does not read, and what they act on."""
     idle = dict.fromkeys(("degree", "decay", "observer", "tolerances"), "a design of one pose (--pose)")
-    moved = dict.fromkeys(("draws", "seed", "unknown_delay"), "flexhinf design, which tests the controller")
+    moved = dict.fromkeys(("draws", "seed"), "flexhinf design, which tests the controller")
     s = request.specification
     return _active(s, _of_workspace(request.robot, s) | moved) | idle
 

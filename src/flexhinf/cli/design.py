@@ -374,9 +374,10 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
     """Write what is proved of a controller for a workspace."""
     from flexhinf.design import requested_loop
     from flexhinf.design.workspace.evidence import LoopOverWorkspace
-    from flexhinf.design.workspace.proof import prove_workspace
+    from flexhinf.design.workspace.proof import check_unknown_delay, prove_workspace
 
     refuse_stated(context, of_workspace_proof(request))
+    check_unknown_delay(request.specification)
     folder = report.check(o.out)
     with ProofProgress() as bar:
         loop, verdict = requested_loop(request, bar.step)
