@@ -195,6 +195,24 @@ def test_the_inequality_holds_between_the_ends_of_boxes(
         assert np.linalg.eigvalsh(both.T @ n @ both)[0] > 0.0
 
 
+@pytest.mark.ci("searches two proofs more")
+@pytest.mark.oracle
+def test_a_delay_that_destabilises_has_no_certificate(pairs: SampledPairs) -> None:
+    """Gains at which the loop is stable without the unknown delay, and not with all of it."""
+    none, links = np.zeros((1, 1)), np.array(ENDS)
+    gains = replace(pairs.gains, coefficients=6.0 * pairs.gains.coefficients)
+    radii = [
+        [late_radius(replace(pairs, gains=gains), links[k : k + 1], none, none, late) for k in (0, 1)]
+        for late in (0.0, DELAY)
+    ]
+    assert max(radii[0]) < 1.0 < max(radii[1])
+    loud = SampledPairs(gains, 1, None, DELAY)
+    assert popov_tolerance(loud, SYMMETRIC, 5).share == 0.0
+    storages = PairStorages(loud, Errors(Sector(1e-3, 1e-3)), Multipliers(0.0), 0.0)
+    assert pair_certificate(storages, lambda done: None) is None
+    assert pair_certificate(replace(storages, pairs=replace(loud, delay=0.0)), lambda done: None) is not None
+
+
 @pytest.mark.ci("searches one proof, which four tests here read")
 def test_forged_delays_are_not_accepted(found: tuple[PopovTolerance, dict[str, Any]]) -> None:
     """A delay that the boxes do not cover, or boxes that are larger than their storages bear."""
