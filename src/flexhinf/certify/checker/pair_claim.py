@@ -71,9 +71,7 @@ class PairClaim(NamedTuple):
     delay: float  # θ₁, samples: the unknown delay is between 0 and this
     links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
     delays: list[list[float]]  # (N, k), 0 to θ₁ in each of these, in samples
-    storages: list[
-        np.ndarray
-    ]  # (N, (k − 1) d, m, n, n), P at d equidistant θ between each two, and at m such λ
+    storages: list[np.ndarray]  # (N, (k − 1) d, m, n, n), P at d equidistant θ of each two, at m such λ
 
     @property
     def exact(self) -> PairClaim:
