@@ -126,7 +126,8 @@ def _proves(claim: PairClaim, box: Box) -> bool:
     even = towards_unit(p, FACTOR, by_size=False)
     if even is None or not near_unit(even.transpose() @ p @ even):
         return False
-    if not positive_definite(p.constant - p.constant * w.constant * p.constant):
+    middle, reached = p.constant + p.remainder, w.constant + w.remainder
+    if not positive_definite(middle - middle * reached * middle):
         return False
     unit, a = TaylorMatrix.of(np.eye(claim.states, dtype=int).tolist()), turn @ worst.a @ back
     grown = p @ (unit - w @ p).inverse()
