@@ -30,9 +30,9 @@ import numpy as np
 from flexhinf.arrays import Element, Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
-from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
 from flexhinf.loop.simulation.metrics import MIN_TRAVEL, TAIL, CommandFacts, Place, band_of
+from flexhinf.loop.simulation.places import tracked_place
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import one_of, value_text
 

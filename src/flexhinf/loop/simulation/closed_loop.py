@@ -20,7 +20,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.references import SignalLike, braked, signal_name
-from flexhinf.loop.simulation.ensemble import Ensemble, signal_place, tracked_place
+from flexhinf.loop.simulation.ensemble import Ensemble
 from flexhinf.loop.simulation.inputs import (
     RunOptions,
     StateLike,
@@ -38,6 +38,7 @@ from flexhinf.loop.simulation.inputs import (
     starting_state,
 )
 from flexhinf.loop.simulation.metrics import CommandFacts, Reduction, common_reduction, tracking_reductions
+from flexhinf.loop.simulation.places import signal_place, tracked_place
 from flexhinf.loop.simulation.prepared import PreparedRun
 from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, checked_sensors
 from flexhinf.loop.simulation.trajectory import Trajectory
@@ -545,9 +546,8 @@ class Loop(Summarised):
             **({} if deviation is None else {"deviation": np.ascontiguousarray(deviation)}),
             **({"gaps": self.channel.gaps(len(times)).ravel()} if self.channel.periods else {}),
         }
-        tracking = {
-            name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
-        }
+        places = {name: tracked_place(plant, controller, name) for name in controller.judged}
+        tracking = {name: tracking_reductions(place) for name, place in places.items()}
         pairs = [
             (k, plant.states.index(name))
             for k, name in enumerate(controller.estimated)

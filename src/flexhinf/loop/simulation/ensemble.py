@@ -36,8 +36,9 @@ from flexhinf.loop.simulation.inputs import (
     sample_noise,
     start_text,
 )
-from flexhinf.loop.simulation.metrics import CommandFacts, EnsembleResult, Place, Reduction
+from flexhinf.loop.simulation.metrics import CommandFacts, EnsembleResult, Reduction
 from flexhinf.loop.simulation.own_laws import law_rows
+from flexhinf.loop.simulation.places import signal_names
 from flexhinf.loop.simulation.prepared import PreparedRun, zeros
 from flexhinf.loop.simulation.program import (
     Channel,
@@ -227,7 +228,7 @@ class Ensemble:
             settings = [self._settings(plants, k) for k in range(len(plants))]
             yield from (run for run, _, _ in self._in_turn(plants, settings, threads))
             return
-        names = _signal_names(self.plant, self.controller)
+        names = signal_names(self.plant, self.controller)
         kept = tuple((kind, k) for kind, some in names.items() for k in range(len(some)))
         everything = np.arange(self.command.samples)
         whole = replace(self, tracking={}, common=(), kept=kept, instants=everything)
@@ -577,33 +578,3 @@ def _seeds(seeds: Any, count: int) -> np.ndarray:
         "one for each plant",
     )
     return np.array(seeds, dtype=np.uint64)
-
-
-def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
-    return {
-        "state": tuple(plant.states),
-        "output": tuple(controller.measured),
-        "estimate": tuple(controller.estimated),
-        "input": tuple(controller.law.input_names),
-    }
-
-
-def tracked_place(plant: Plant, controller: Controller, name: str) -> Place:
-    """Signal and columns of a tracked state, chosen as in `Trajectory.tracked`."""
-    names = _signal_names(plant, controller)
-    kind = next((kind for kind in ("state", "output", "estimate") if name in names[kind]), "state")
-    return Place(kind, names[kind].index(name), controller.commanded.index(name))
-
-
-def signal_place(plant: Plant, controller: Controller, text: str) -> tuple[str, int]:
-    """Kind and column of a signal that is kept, see `Loop.ensemble`."""
-    names = _signal_names(plant, controller)
-    kind, _, name = text.rpartition(".")
-    for candidate in [kind] if kind in names else ["state", "output"]:
-        if name in names[candidate]:
-            return candidate, names[candidate].index(name)
-    raise InvalidInput(
-        f"There is no signal {text!r}.",
-        f"expected states and measured signals out of {[*plant.states, *controller.measured]}",
-        f"one of these, or estimate.{controller.states[0]}, or input.{names['input'][0]}",
-    )
