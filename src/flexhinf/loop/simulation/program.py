@@ -347,12 +347,11 @@ def loop_program(
     if code.channel.periods:
         count = sum(code.channel.late)
         waiting = b.whole("waiting", count, "state")
+        results = 2 if count else 1
         arrived = drop_empty(
             trace(
-                lambda *given: code.channel.arrived(*given)[: 2 if count else 1],
-                sizes["y"],
-                count,
-                sizes["y"],
+                lambda y, waiting, gap: code.channel.arrived(y, waiting, gap)[:results],
+                *(sizes["y"], count, sizes["y"]),
                 name="arrived",
             )
         )
