@@ -134,6 +134,10 @@ class Channel:
             first += late
         return np.array(there) + gap, np.array(kept)
 
+    def arrived_at_once(self, y: Any, gap: Any) -> Any:
+        """The same (p,) where nothing is late."""
+        return self.arrived(y, np.zeros(0), gap)[0]
+
     def quantised(self, y: Any) -> Any:
         """Measurements (p,) rounded to their steps, on any element."""
         rounded = [q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)]
@@ -347,11 +351,10 @@ def loop_program(
     if code.channel.periods:
         count = sum(code.channel.late)
         waiting = b.whole("waiting", count, "state")
-        results = 2 if count else 1
         arrived = drop_empty(
             trace(
-                lambda y, waiting, gap: code.channel.arrived(y, waiting, gap)[:results],
-                *(sizes["y"], count, sizes["y"]),
+                code.channel.arrived if count else code.channel.arrived_at_once,
+                *((sizes["y"], count, sizes["y"]) if count else (sizes["y"], sizes["y"])),
                 name="arrived",
             )
         )
