@@ -69,7 +69,7 @@ def caption(errors: Errors, slope_is_left_out: bool = True) -> str:
     springs = "" if errors.damping else "springs without damping, "
     size = "" if errors.any_motion else ", small motions"
     return (
-        f"For motors made alike, {gravity}{springs}no dry friction{size}. Errors are "
+        f"For motors that are alike, {gravity}{springs}no dry friction{size}. Errors are "
         "those of the links' inertia matrix, which masses and payloads make, and of the stiffness: symmetric, in the "
         "coordinates of their square roots, and the same at all times. What is not named is exact. No error of a motor "
         "is among them."
@@ -194,7 +194,7 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     return (
         f"poses at which the arm vibrates at {number(low, 3)} to {number(high, 3)} rad/s with its motors held{whole}",
         errors,
-        f"{springs}, linear and {damped}; motors as the model's, made alike with the true torque of the springs",
+        f"{springs}, linear and {damped}; {_motors_text(proof)}",
         f"{motions(proof)} about rest, {_slope_hypothesis(proof)}; no dry friction, no backlash, no limit of an "
         "input",
         f"the sampled loop with {_loop_text(setup)}{delay_text(checked, setup.specification.period)}, and exact motion "
@@ -230,7 +230,7 @@ LEFT_OUT = (
     ("friction, backlash, limits of inputs, quantisation", "moves of the design, campaigns"),
     ("Coriolis forces along fast moves", "moves of the design"),
     ("motors and delay that differ from the model's", "loops at corners of the tolerances"),
-    ("motors made alike by a wrong stiffness", "loops at corners of the tolerances"),
+    ("unlike motors, which the law makes alike for slow vibrations", "loops at poses, which have them"),
     (
         "errors with a phase, such as creep or a lagging drive",
         "nothing here; fast vibrations bear hardly any",
@@ -252,18 +252,15 @@ def proof_text(proof: WorkspaceProof) -> str:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
         return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
-    proved, inside = errors_text(proof.errors), proof.poses_inside
+    proved, inside, alike = errors_text(proof.errors), proof.poses_inside, _if_alike(proof)
     proved += delay_text(checked, proof.setup.specification.period)
     by_errors = 0 < stated.poses < inside == RANGE_POSES
     where = where or f"at {stated.poses if by_errors else f'{inside} of {RANGE_POSES}'} sampled poses"
     if not stated.of_tolerances.errors.largest:
-        return f"Proved for {proved}; the file states no tolerance of masses, payloads or springs."
+        return f"Proved{alike} for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:
-        every = "masses, payloads and springs"
-        if stated.errors.springs != EXACT and not proof.has_like_motors:
-            every = "masses and payloads, and of springs if their true torque makes the unlike motors alike"
         return (
-            f"Proved for the file's tolerances of {every}, {where}: they make "
+            f"Proved{alike} for the file's tolerances of masses, payloads and springs, {where}: they make "
             f"{errors_text(file_errors, True)}, and {motions(proof)} about rest are stable with {proved}."
         )
     tolerated, needed, which = min(
@@ -273,8 +270,21 @@ def proof_text(proof: WorkspaceProof) -> str:
     return (
         f"Not proved for the file's tolerances: tolerance {number(100.0 * tolerated, 3)} % below the file's "
         f"{number(100.0 * needed, 3)} %, of {which} ({where}). "
-        f"Proved is stability with {proved}."
+        f"Proved{alike} is stability with {proved}."
     )
+
+
+def _if_alike(proof: WorkspaceProof) -> str:
+    """The condition on motors that no proof is without: none where they are alike."""
+    apart = proof.motors_apart
+    return f", if motors were alike (their K/J differs by {number(100.0 * apart, 2)} %)," if apart else ""
+
+
+def _motors_text(proof: WorkspaceProof) -> str:
+    """What is assumed of the motors."""
+    if not proof.motors_apart:
+        return "motors as the model's"
+    return "motors as the model's, and alike: the law makes unlike ones so for slow vibrations, not for fast ones"
 
 
 #: Of what δ₁, δ₂, ε₁ and ε₂ are shares.
