@@ -372,7 +372,9 @@ def forged(numbers, rng):
     factor = float(rng.choice([0.2, 0.4, 3.0, 10.0, 1e200]))
     if kind == "sector":
         file["lower"], file["upper"] = min(0.999, 1.3 * file["lower"]), rng.uniform(1.3, 9.0) * file["upper"]
-    elif kind == "springs":  # beside masses and a slope three times as much is true: `popov_tolerance` finds it
+    elif (
+        kind == "springs"
+    ):  # beside masses and a slope three times as much is true: `popov_tolerance` finds it
         least = 6.0 if file["falling"] else 1.4
         file["softer"], file["stiffer"] = (
             min(0.999, least * file["softer"]),
