@@ -24,8 +24,8 @@ Springs alone need no state e: s and e stand for a and d, with g λ − (0, 0, 0
 Gravity's slope adds p = Γ z, with −p in t, damped springs add b = B s′, and filters of the multiplier, which let τ
 depend on frequency, add a_f and d_f: docs/theorem.md has their terms. What has no error is left out. With the memory of
 the controller the loop is ξ⁺ = A ξ + v, and V_λ = ξᵀ P(λ) ξ proves stability with the rate α if P > 0 and
-N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0. P is linear in λ in an interval; at its ends it lies between solutions of a
-Riccati equation. Nothing here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with it.
+N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0. P is a polynomial of λ in an interval; at some λ it lies between solutions
+of a Riccati equation. Nothing here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with it.
 
 The unit of time is the period, so that all numbers have a size near one.
 """

@@ -112,7 +112,7 @@ def _balls() -> Generator[None]:
 
 
 def _proves(claim: PairClaim, box: Box) -> bool:
-    """P > 0, and N > 0 by P − PWP > 0 and by N's Schur complement S = P − Q − AᵀP (1 − WP)⁻¹ A > 0.
+    """P > 0, and N > 0 by P − PWP > 0 and by N's Schur complement T = P − Q − AᵀP (1 − WP)⁻¹ A > 0.
 
     P − PWP is positive in the middle of the box, and regular everywhere, as 1 − WP is.
     """
@@ -131,10 +131,10 @@ def _proves(claim: PairClaim, box: Box) -> bool:
         return False
     unit, a = TaylorMatrix.of(np.eye(claim.states, dtype=int).tolist()), turn @ worst.a @ back
     grown = p @ (unit - w @ p).inverse()
-    s = p - back.transpose() @ worst.q @ back - a.transpose() @ grown @ a
-    s = even.transpose() @ s @ even
-    other = towards_unit(s, FACTOR, by_size=True)
-    return other is not None and near_unit(other.transpose() @ s @ other)
+    complement = p - back.transpose() @ worst.q @ back - a.transpose() @ grown @ a
+    complement = even.transpose() @ complement @ even
+    other = towards_unit(complement, FACTOR, by_size=True)
+    return other is not None and near_unit(other.transpose() @ complement @ other)
 
 
 def _polynomial(values: np.ndarray) -> TaylorMatrix:
