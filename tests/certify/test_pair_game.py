@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from flint import arb
-from scipy.linalg import block_diag, expm
+from scipy.linalg import expm
 
 from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pair_claim import PairClaim, pair_claim
@@ -11,7 +11,15 @@ from flexhinf.certify.checker.pair_flow import free_flow
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
 from flexhinf.design.workspace.pair_proof import claim_numbers
 from flexhinf.modal import pair_gains
-from flexhinf.modal.popov import EXACT, Errors, FilterWeights, Multipliers, PairStorages, Sector
+from flexhinf.modal.popov import (
+    EXACT,
+    Errors,
+    FilterWeights,
+    Multipliers,
+    PairStorages,
+    Sector,
+    worst_period,
+)
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: A box of λ and of θ, the unknown delay, and how large errors are.
@@ -97,10 +105,37 @@ def test_errors_do_within_a_period_what_they_do_in_small_steps(errors: Errors, m
             acting, _ = checker.sampled(claim, arb(link), arb(0), free_flow(claim, arb(link), arb(0)))
         # The checker has s for w, and of masses a_f/√λ and √λ d_f.
         size = 1.0 if claim.springs_alone else np.sqrt(link) * claim.period
-        motors = np.eye(4) + np.eye(4, k=-2)
-        filters = np.diag([size, 1.0 / size] * 2)
-        back, whole = np.linalg.inv(block_diag(motors, filters)), block_diag(motors, np.eye(2), filters)
-        kept = np.delete(np.eye(10), [4, 5], axis=0)
-        value = stepped(claim, link, late, kept.T @ back.T @ end @ back @ kept)
+        whole, kept = np.eye(10), np.delete(np.eye(10), [4, 5], axis=0)
+        whole[[2, 3], [0, 1]] = 1.0
+        whole[range(6, 10), range(6, 10)] = [size, 1.0 / size] * 2
+        back = kept @ np.linalg.inv(whole)
+        value = stepped(claim, link, late, back.T @ end @ back)
         states = whole @ valued(acting, 0.0, 0.0)
         np.testing.assert_allclose(states.T @ value @ states, expected, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("springs", [False, True])
+def test_errors_that_gain_without_bound_within_a_period_are_refused(springs: bool) -> None:
+    """Beyond the instant at which W is infinite it has eigenvalues below 0, and is regular again."""
+    loop = SampledPairs(pair_gains(LINKS, 110.0**2, 12.0, 1e-3), 1)
+    for upper, bounded in ((0.5, True), (60.0, True), (600.0, False)):
+        sector = Sector(0.3, upper)
+        errors, multipliers = Errors(EXACT, sector) if springs else Errors(sector), Multipliers(0.0)
+        w = worst_period(loop, LINKS[0], errors, multipliers).w
+        assert (np.linalg.eigvalsh(w)[0] > -1e-9 * np.abs(w).max()) == bounded
+        one = {"low": LINKS[0], "high": LINKS[1], "storages": [[1.0] * 28] * 2}
+        claim = pair_claim(claim_numbers(PairStorages(loop, errors, multipliers, 0.0), [one]))
+        assert checker.regular_at_first(claim) == bounded
+
+
+def test_a_storage_beyond_the_inverse_of_w_is_refused() -> None:
+    """There the Schur complement of N is positive too, and P − PWP is not."""
+    loop, ends = SampledPairs(pair_gains((1e4, 25e4), 110.0**2, 12.0, 1e-3), 1), (200.0**2, 205.0**2)
+    storages = PairStorages(loop, Errors(EXACT, Sector(0.5, 0.5)), Multipliers(15.2), 0.0).lifted()
+    found = [storages.at(float(link), 0.05, 0.0) for link in np.linspace(*ends, 4)]
+    p = np.array([[one.matrices[0] for one in found if one is not None]])
+    one = {"low": ends[0], "high": ends[1], "storages": [[1.0] * 28] * 2}
+    claim = pair_claim(claim_numbers(storages, [one]))
+    for factor in (1.0, 300.0, 1e4, 1e5):
+        assert checker.box_proved(claim, checker.Box(ends, (0.0, 0.0), factor * p)) == (factor == 1.0)
