@@ -205,6 +205,25 @@ def test_a_box_with_unstable_linear_loops_has_one_as_its_worst_plant():
     assert damped(campaign, found.found.numbers) == pytest.approx(found.found.value, rel=1e-6)
 
 
+def test_a_parameter_that_is_called_damping_is_not_the_damping_of_the_loop():
+    def flow(x, u, d, p):
+        return np.array([x[1], (u[0] - p.stiffness * x[0] - p.damping * x[1]) / p.mass])
+
+    numbers = {"mass": 1.0, "stiffness": 20.0, "damping": 0.5}
+    damped = fh.Plant(
+        flow, lambda x, u, p: np.array([x[0]]), ("position", "velocity"), ("force",), (), numbers
+    )
+    box = Tolerances([Variable("damping", 0.4, 0.6, unit="N·s/m"), Variable("mass", 0.8, 1.2)])
+    campaign = Campaign(fh.Loop(damped, made_loop().controller, 1), box, 4, options=QUIET)
+    rows = run_batch(campaign, 0)
+    found, apart = (worst_case(campaign, "damping", given, starts=1) for given in (rows, None))
+    assert found == apart
+    assert (found.unit, found.least) == ("", True)
+    assert found.found.numbers["damping"] == 0.4
+    (ratio,), _ = campaign.linear_damping([box.built(found.found.numbers, found.sample)])
+    assert found.found.value == pytest.approx(ratio)
+
+
 def test_linear_loops_that_are_not_known_are_refused():
     def fixed(x, step, p):
         return x

@@ -21,7 +21,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 import flexhinf.campaign
 from flexhinf import report
-from flexhinf.campaign import METHODS, Journal, MetricLimit, run_batch
+from flexhinf.campaign import METHODS, Journal, MetricLimit, damping, run_batch
 from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.manifest import read_sealed, sealed
@@ -303,13 +303,23 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
 
 
 @pytest.mark.ci("a campaign with its page")
-def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
+def test_mistakes_of_the_worst_case(
+    judged: Path,
+    refused: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     refused(
         [*WORDS, "--worst-case", "--metric", "overshot"], ("metric 'overshot'", "'overshoot_percent'"), judged
     )
     refused([*WORDS, "--metric", "peak_speed"], "--worst-case", judged)
     refused([*WORDS, "--worst-case", "--starts", "0"], "starts", judged)
     assert not (judged / "runs").exists()
+    with monkeypatch.context() as patch:
+        patch.setattr(damping, "ECHO", 2.0)  # as if the input's delay were long
+        assert main([*WORDS, "--worst-case", "--metric", "damping"]) == 2
+    assert "delay" in capsys.readouterr().err
+    assert list((judged / "runs" / "shards").iterdir()) == []  # it is said before the runs
     assert main(WORDS) in (0, 1)
     refused(["campaign", "replay", "runs"], "--sample or --worst-case", judged)
     refused(["campaign", "replay", "runs", "--sample", "1", "--worst-case", "peak_speed"], "both", judged)

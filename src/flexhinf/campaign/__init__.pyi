@@ -52,6 +52,7 @@ from .surrogates import Sensitivity as Sensitivity, sensitivity as sensitivity
 from .worst_case import (
     EvaluatedPlant as EvaluatedPlant,
     WorstCase as WorstCase,
+    check_searchable as check_searchable,
     check_starts as check_starts,
     stored_worst as stored_worst,
     stored_worsts as stored_worsts,

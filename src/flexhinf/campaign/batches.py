@@ -319,8 +319,8 @@ class Campaign:
                 places.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
         return places
 
-    def check_device(self, device: object) -> None:
-        """Refuse what is no device, and a GPU for runs that are made one by one.
+    def check_device(self, device: object, here: bool = True) -> None:
+        """Refuse what is no device, and a GPU for runs that are made one by one, or where there is none `here`.
 
         The first samples stand for all: where only some are, such as those with a plant of their own, these run on the
         processor.
@@ -337,6 +337,8 @@ class Campaign:
             f"their own, got {', '.join(whole) or 'others'}",
             cuda.ON_CPU,
         )
+        if here:
+            cuda.card()
 
     @property
     def is_library_code(self) -> bool:

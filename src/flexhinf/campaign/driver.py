@@ -533,8 +533,9 @@ def run_campaign(
     -------
     xarray.Dataset
         Dimension ``sample``: parameters, ``seed`` (of `Loop.run`, for the noise; as text), ``status`` ("completed",
-        "diverged", "not run"), ``diverged_at_s``, metrics (NaN for a run that did not come to its end; infinite for a
-        time that is never reached). Dimensions ``kept`` and ``time``: signals of the first runs, as ``trace.<state>``.
+        "unstable", "diverged", "not run"), ``diverged_at_s``, metrics (NaN for a run that did not come to its end;
+        infinite for a time that is never reached). Dimensions ``kept`` and ``time``: signals of the first runs, as
+        ``trace.<state>``.
 
     Raises
     ------

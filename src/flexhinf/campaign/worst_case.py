@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.analysis.search import box_corners, climb
 from flexhinf.campaign.batches import LARGEST_BATCH, Campaign, checked_integer, rows_of, run_batch
-from flexhinf.campaign.damping import DAMPING, OF_RUNS
+from flexhinf.campaign.damping import DAMPING, OF_RUNS, LinearDamping
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.journal import Journal
 from flexhinf.campaign.manifest import UNREADABLE
@@ -156,13 +156,11 @@ def worst_case(
         does not make; or if another driver is at work on the journal. Raises FlexhinfError: if the disk is full, or
         without a GPU, where there should be one.
     """
-    _box(campaign)
-    columns = [column.name for column in campaign.columns if column.judged]
-    known_metric(metric, [*columns, DAMPING])
+    linear = check_searchable(campaign, metric)
     check_starts(starts)
     campaign.check_device(device)
     seed = checked_integer("seed", campaign.seed if seed is None else seed, 0, 2**63 - 1, "0")
-    search = _Generations(campaign, metric, least or metric not in columns, 0, device)
+    search = _Generations(campaign, metric, least or linear is not None, 0, device)
     settings = {
         "campaign": campaign.digest,
         "metric": metric,
@@ -224,7 +222,7 @@ def _searched(
     centre, *restored = search.plants([middle, *({**found.numbers, name: middle[name]} for name in names)])
     return WorstCase(
         search.metric,
-        next((c.unit for c in search.campaign.columns if c.name == search.metric), ""),
+        next((c.unit for c in search.campaign.columns if c.name == search.metric and c.judged), ""),
         least,
         first,
         sampled,
@@ -265,6 +263,25 @@ def _starts(parts: Sequence[tuple[np.ndarray, np.ndarray]], count: int) -> np.nd
     return np.vstack([some, ranked[2][: count - len(some)]])
 
 
+def check_searchable(campaign: Campaign, metric: str) -> LinearDamping | None:
+    """Refuse, before any run, a metric whose worst case is not searched in a campaign.
+
+    Returns: what computes `DAMPING`; None for a metric of the runs. A parameter may be called as the metric is.
+    Raises InvalidInput: for a draw without intervals, an unknown metric, or `DAMPING` where no linear loop is known.
+    """
+    _box(campaign)
+    columns = [column.name for column in campaign.columns if column.judged]
+    if known_metric(metric, [*columns, DAMPING]) in columns:
+        return None
+    refuse_if(
+        "reference" in campaign.sample(0).options,
+        "The samples of this campaign have no common linear loop.",
+        "expected samples with one goal, got a move of its own for each",
+        OF_RUNS,
+    )
+    return campaign.linear_damping
+
+
 def check_starts(starts: object) -> None:
     """Refuse a number of searches that is out of range."""
     checked_integer("starts", starts, 1, MOST_STARTS, str(STARTS))
@@ -296,7 +313,7 @@ class _Generations:
         self.names = [variable.name for variable in variables]
         self.low, self.high = np.array([(v.low, v.high) for v in variables], dtype=float).T
         self.width = np.where(self.high > self.low, self.high - self.low, 1.0)
-        self.linear = all(column.name != self.metric for column in self.campaign.columns)
+        self.linear = check_searchable(self.campaign, self.metric)
 
     def numbers(self, unit: np.ndarray) -> dict[str, np.ndarray]:
         """Numbers (N,) by name, of points (N, d) of the unit box."""
@@ -326,7 +343,7 @@ class _Generations:
         while begin < count:
             samples = self._samples({name: c[begin : begin + TOGETHER] for name, c in columns.items()})
             if self.linear:
-                parts.append(self.campaign.linear_damping(samples))
+                parts.append(self.linear(samples))
             else:
                 noise = [self.noise] * len(samples)
                 rows = rows_of(self.campaign, noise, samples, device=self.device, traced=0)
@@ -347,14 +364,6 @@ class _Generations:
     def samples(self, rows: Mapping[str, ArrayLike] | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Numbers (N, d), values and status (N,) of the campaign's samples, of its rows or run now."""
         campaign, names = self.campaign, self.names if self.linear else [self.metric, "status", *self.names]
-        if self.linear:
-            moving = "reference" in campaign.sample(0).options
-            refuse_if(
-                moving,
-                "The samples of this campaign have no common linear loop.",
-                "expected samples with one goal, got a move of its own for each",
-                OF_RUNS,
-            )
         if rows is None and self.linear:
             table = _box(campaign).numbers(range(campaign.samples), campaign.samples, campaign.seed)
         elif rows is None:
@@ -388,7 +397,7 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def searched(journal: Journal) -> list[str]:
+def searchable(journal: Journal) -> list[str]:
     """Metrics whose worst case can be searched."""
     return list(dict.fromkeys([*journal.metrics, DAMPING]))
 
@@ -398,14 +407,14 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 
     InvalidInput if nothing was searched, or the file is damaged or of another campaign.
     """
-    path = FOLDER / f"{known_metric(metric, searched(journal))}.json"
+    path = FOLDER / f"{known_metric(metric, searchable(journal))}.json"
     try:
         case = journal.stored(path, WorstCase)
         if (case.settings["campaign"], case.metric) == (journal.digest, metric):
             return case
         raise ValueError("it is of another campaign")
     except FileNotFoundError:
-        known = [name for name in searched(journal) if (journal.folder / FOLDER / f"{name}.json").exists()]
+        known = [name for name in searchable(journal) if (journal.folder / FOLDER / f"{name}.json").exists()]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
@@ -424,7 +433,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
     cases: list[WorstCase] = []
-    for metric in searched(journal):
+    for metric in searchable(journal):
         try:
             cases.append(stored_worst(journal, metric))
         except NotReadable:

@@ -71,7 +71,9 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
     with step_progress() as stage:
         command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
         campaign, journal = open_campaign(design, o.out, command, stage)
-    campaign.check_device(o.device)
+    campaign.check_device(o.device, here=not o.cluster)
+    for metric in [name for name in metrics if name != GAIN]:
+        campaigns.check_searchable(campaign, metric)
     try:
         with sample_progress(shard.name) as progress:
             table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
@@ -299,7 +301,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     with step_progress() as stage:
         opened = open_pair(pair, stage)
     for campaign, _ in opened:
-        campaign.check_device(o.device)
+        campaign.check_device(o.device, here=not o.cluster)
     tables: list[MergedTable] = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
