@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info, threadpool_limits  # pyright: ignore
 
 import flexhinf as fh
 from flexhinf import processors
-from flexhinf.campaign.worst_case import worst_case
+from flexhinf.campaign import search_weights, worst_case
 from flexhinf.certify.proof import certify
 from flexhinf.design.advice import advise
 from flexhinf.design.certification import certify_design
@@ -134,6 +134,7 @@ LONG_CALLS: dict[str, Callable[[], object]] = {
     "identify": lambda: fh.identify(PROBE, PROBE),
     "run_campaign": lambda: fh.run_campaign(PROBE, PROBE, 3),
     "worst_case": lambda: worst_case(PROBE, "peak_speed"),
+    "search_weights": lambda: search_weights(PROBE, PROBE, {}, "peak_speed"),
     "certify": lambda: certify(PROBE),
     "Design.certificate": lambda: fh.Design.certificate(PROBE),
     "Design.campaign": lambda: fh.Design.campaign(PROBE, 3),

@@ -12,9 +12,11 @@ from tests.card import StandIn, on_stand_in, stand_in  # noqa: F401 - fixtures
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.campaign import Campaign, Sample, judge_controllers, search_weights
+from flexhinf.campaign import Campaign, Sample, candidates, judge_controllers, search_weights
 from flexhinf.campaign.batches import run_batch
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.codegen import cuda
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.loop import Ensemble
 
 METRICS = ("overshoot_percent", "peak_input", "tracking_rmse", "estimation_rmse")
 
@@ -68,15 +70,35 @@ def test_a_gpu_gives_the_same_bits_of_all_controllers_in_one_launch(on_stand_in:
     assert all(np.array_equal(cpu[name], gpu[name], equal_nan=name != "status") for name in cpu)
 
 
-def test_controllers_that_cannot_run_together_are_refused():
+def test_more_samples_than_a_batch_has_run_in_parts(monkeypatch):
+    campaign = Campaign(fh.Loop(spring(), CONTROLLERS[0], 1), tolerances(), 50, 5, OPTIONS)
+    sizes, run = list[int](), Ensemble.run
+    whole = judge_controllers(campaign, CONTROLLERS)
+    monkeypatch.setattr(candidates, "LARGEST_BATCH", 20)
+    monkeypatch.setattr(
+        Ensemble, "run", lambda *some, **more: sizes.append(len(some[1])) or run(*some, **more)
+    )
+    parts = judge_controllers(campaign, CONTROLLERS)
+    assert all(np.array_equal(parts[name], whole[name], equal_nan=name != "status") for name in whole)
+    assert (max(sizes), sum(sizes)) == (20, 3 * 50)
+
+
+def test_controllers_that_cannot_run_together_are_refused(monkeypatch):
+    monkeypatch.setattr(cuda, "card", lambda: cuda.Card(cuda.Driver("libnothing.so.7")))
     campaign = made_campaign()
     for others, words in (
-        ([], ("controller", "none")),
+        ([], ("Controllers", "none")),
+        (controller(), ("sequence", "Controller")),
+        ([controller(), Feedback()], ("Controllers", "Feedback")),
         ([controller(), controller(period=2e-3)], ("period",)),
         ([controller(latency=2)], ("program", "estimator")),
     ):
         with refused_with(InvalidInput, *words):
-            judge_controllers(campaign, others)
+            judge_controllers(campaign, others)  # pyright: ignore
+    with refused_with(InvalidInput, "Campaign", "Loop"):
+        judge_controllers(made_loop(), [controller()])  # pyright: ignore
+    with refused_with(FlexhinfError, "driver", "cpu"):  # though few runs are on the processor
+        judge_controllers(campaign, [controller()], device="gpu")
     alone = made_campaign(metrics={"effort": lambda run: 1.0})
     with refused_with(InvalidInput, "samples", "signals"):
         judge_controllers(alone, [made_loop().controller])
@@ -157,12 +179,17 @@ def test_weights_found_on_a_gpu_are_those_of_the_processor(
         ({"ranges": {"stiff": 1.0}}, ("'stiff'", "1.0")),
         ({"metric": "speed"}, ("metric", "'speed'")),
         ({"requirements": ["peak_input<=0"], "starts": 1}, ("weights", "peak_input<=0", "none")),
-        ({"ranges": {**RANGES, "stiff": (160.0, 200.0)}, "starts": 2}, ("weights", "none")),
+        ({"ranges": {**RANGES, "stiff": (160.0, 200.0)}, "starts": 2}, ("weights", "none", "No law.")),
         ({"starts": 0}, ("starts",)),
+        ({"ranges": [(1.0, 2.0)]}, ("ranges", "mapping", "(1.0, 2.0)")),
+        ({"requirements": "peak_input<=4"}, ("requirements", "list", "'peak_input<=4'")),
+        ({"seed": -1}, ("seed=-1",)),
+        ({"controller_of": controller()}, ("function", "Controller")),
+        ({"controller_of": lambda weights: None}, ("Controller", "None", "return")),
         ({"device": "tpu"}, ("device", "'tpu'")),
     ],
 )
 def test_mistakes_of_a_search_of_weights(corners, changes, words):
-    given = {"ranges": RANGES, "metric": "tracking_rmse", **changes}
+    given = {"controller_of": weighed, "ranges": RANGES, "metric": "tracking_rmse", **changes}
     with refused_with(InvalidInput, *words):
-        search_weights(corners, weighed, **given)
+        search_weights(corners, **given)

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from flexhinf.analysis.search import climb
-from flexhinf.campaign.batches import ALONE, LARGEST_BATCH, Campaign, Rows, fill_reduced
+from flexhinf.campaign.batches import ALONE, LARGEST_BATCH, Campaign, Rows, checked_integer, fill_reduced
 from flexhinf.campaign.draws import sample_seeds
 from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, MetricLimit, known_metric
 from flexhinf.campaign.samples import Sample, taken
@@ -23,7 +23,9 @@ from flexhinf.campaign.worst_case import STARTS, check_starts
 from flexhinf.codegen.gpu import Device
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Controller
-from flexhinf.validation import real_array, value_text
+from flexhinf.loop.simulation.own_laws import checked_controllers
+from flexhinf.processors import single_blas
+from flexhinf.validation import checked_kind, real_array, value_text
 
 #: Key of the random starts.
 _STREAM = 0x77656967687473
@@ -39,16 +41,13 @@ def judge_controllers(
 
     `controllers`: of one program, which differ in numbers alone, as linear laws with other weights.
     `device`: where the runs are made; no number depends on it.
-    Raises InvalidInput: for controllers of another program, period or goal, and for samples that run one by one.
+    Raises InvalidInput: for what is no controller, or one of another program, period or goal; and for samples that run
+        one by one.
     Raises FlexhinfError: without a GPU, where there should be one.
     """
+    _check_campaign(campaign)
     campaign.check_device(device)
-    refuse_if(
-        not len(controllers),
-        "There is no controller to be judged.",
-        "expected at least one, got none",
-        "[campaign.loop.controller]",
-    )
+    checked_controllers(controllers)
     count = campaign.samples
     samples = campaign.draw.samples(range(count), count, campaign.seed)
     modes = campaign.modes(samples)
@@ -62,8 +61,10 @@ def judge_controllers(
     names = [name for metrics in campaign.metrics for name in metrics.units]
     found: Rows = {name: np.full((len(controllers), count), math.nan) for name in names}
     found["status"] = np.full((len(controllers), count), NOT_RUN, dtype=object)
-    for places in modes.values():
-        together = max(1, LARGEST_BATCH // len(places))
+    for places in [
+        every[k : k + LARGEST_BATCH] for every in modes.values() for k in range(0, len(every), LARGEST_BATCH)
+    ]:
+        together = LARGEST_BATCH // len(places)
         for begin in range(0, len(controllers), together):
             some = controllers[begin : begin + together]
             part = _run(campaign, some, taken(samples, places), np.array(places), device)
@@ -104,6 +105,11 @@ def _run(
     return rows
 
 
+def _check_campaign(campaign: object) -> None:
+    what, advice = "Controllers are judged by a campaign.", "flexhinf.campaign.Campaign(loop, draw, samples)"
+    checked_kind(what, campaign, Campaign, "a Campaign", advice)
+
+
 @dataclass(frozen=True, eq=False)
 class SearchedWeights:
     """Result of a search of weights."""
@@ -115,6 +121,7 @@ class SearchedWeights:
     candidates: int  # that were tried
 
 
+@single_blas()
 def search_weights(
     campaign: Campaign,
     controller_of: Callable[[Mapping[str, float]], Controller],
@@ -132,26 +139,42 @@ def search_weights(
     `controller_of`: makes the controller of weights by name, of one program for all; a `FlexhinfError` is no candidate.
     `ranges`: smallest and largest value of each weight, above zero.
     `requirements`: that every sample has to meet, as ``peak_input<=24``.
-    `starts`: searches, from the middle of the ranges and from random points.
+    `starts`, `seed`: searches, from the middle of the ranges and from random points; of the latter.
     `device`: where the runs are made; no number depends on it.
     `progress`: called with the candidates so far and the best value.
-    Raises InvalidInput: for ranges, a metric or a requirement that are none; where no candidate has a value; and as
-        `judge_controllers`.
+    Raises InvalidInput: for ranges, a metric or a requirement that are none; for weights that give no `Controller`;
+        where no candidate has a value; and as `judge_controllers`.
     """
+    _check_campaign(campaign)
     low, high = _checked_ranges(ranges)
+    what, advice = "The requirements are not told apart.", "['peak_input<=24']"
+    checked_kind(what, requirements, (list, tuple), "a list of texts", advice)
     judged = [column.name for column in campaign.columns if column.judged]
     rules = [MetricLimit.of(text, judged) for text in requirements]
     known_metric(metric, judged)
     check_starts(starts)
+    seed = checked_integer("seed", seed, 0, 2**63 - 1, "0")
+    refuse_if(
+        not callable(controller_of),
+        "There is nothing that makes controllers.",
+        f"expected a function of weights by name, got {value_text(controller_of)}",
+        "controller_of=lambda weights: fh.Controller(…)",
+    )
+
+    refused: list[FlexhinfError] = []
 
     def weights(point: np.ndarray) -> dict[str, float]:
         return dict(zip(ranges, (low ** (1.0 - point) * high**point).tolist(), strict=True))
 
     def controller_at(point: np.ndarray) -> Controller | None:
         try:
-            return controller_of(weights(point))
-        except FlexhinfError:
+            controller = controller_of(weights(point))
+        except FlexhinfError as error:
+            refused.append(error)
             return None
+        what, advice = "The weights give no controller.", "return fh.Controller(law, estimator, period)"
+        checked_kind(what, controller, Controller, "a Controller of controller_of", advice)
+        return controller
 
     def sizes(points: np.ndarray) -> np.ndarray:
         controllers = [controller_at(point) for point in points]
@@ -166,13 +189,14 @@ def search_weights(
     generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
     some = np.vstack([np.full((1, len(low)), 0.5), generator.random((starts - 1, len(low)))])
     best = climb(sizes, some, lambda tried, best: progress(tried, -best))
-    refuse_if(
-        best.value == -math.inf,
-        "No weights were found.",
-        f"expected a law of which every sample comes to its end and keeps {list(requirements)}, got none of "
-        f"{best.evaluations} candidates",
-        "wider ranges, more starts, or other requirements",
-    )
+    if best.value == -math.inf:
+        without = f"; {len(refused)} without a controller, as: {refused[-1].what}" if refused else ""
+        raise InvalidInput(
+            "No weights were found.",
+            f"expected a law of which every sample comes to its end and keeps {list(requirements)}, got none of "
+            f"{best.evaluations} candidates{without}",
+            "wider ranges, more starts, or other requirements",
+        ) from (refused[-1] if refused else None)
     found = weights(best.point)
     return SearchedWeights(found, controller_of(found), -best.value, float(own[0]), best.evaluations)
 
@@ -189,6 +213,8 @@ def _worst(found: Mapping[str, np.ndarray], metric: str, rules: Sequence[MetricL
 
 def _checked_ranges(ranges: Mapping[str, tuple[float, float]]) -> np.ndarray:
     """Smallest and largest values (2, d) of weights; others than finite ones above zero are refused."""
+    what, advice = "The ranges of the weights have no names.", "{'link_position': (1.0, 100.0)}"
+    checked_kind(what, ranges, Mapping, "a mapping", advice)
     for name, ends in ranges.items():
         numbers = real_array(ends)
         if numbers.shape != (2,) or not 0.0 < numbers[0] <= numbers[1] < math.inf:
@@ -201,6 +227,6 @@ def _checked_ranges(ranges: Mapping[str, tuple[float, float]]) -> np.ndarray:
         not ranges,
         "There is no weight to search.",
         "expected at least one range by name, got none",
-        "{'link_position': (1.0, 100.0)}",
+        advice,
     )
     return np.array([*ranges.values()], dtype=float).T

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
 from flexhinf.arrays import Numbers
 from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.validation import value_text
+
+
+def checked_controllers(controllers: object) -> Sequence[Controller]:
+    """At least one controller of a sequence of nothing else; InvalidInput for another value."""
+    several = isinstance(controllers, Sequence)
+    some = cast("Sequence[object]", controllers) if several else ()
+    wrong = [each for each in some if not isinstance(each, Controller)] if several else [controllers]
+    refuse_if(
+        wrong or not some,
+        "The controllers cannot be used.",
+        f"expected a sequence of Controllers, got {value_text(wrong[0]) if wrong else 'none'}",
+        "[fh.Controller(law, estimator, period)]",
+    )
+    return cast("Sequence[Controller]", controllers)
 
 
 def law_rows(
@@ -23,10 +39,10 @@ def law_rows(
 
     `memory`: the ensemble's first one, which must be that of its controller.
     `inputs`: (N, m), those before the first sample; else all runs have the `common` one.
-    Raises InvalidInput: for a controller of other code, period or operating point than `base`.
+    Raises InvalidInput: for what is no controller, or one of other code, period or operating point than `base`.
     """
     refuse_if(
-        len(controllers) != count,
+        len(checked_controllers(controllers)) != count,
         "The controllers do not fit the plants.",
         f"expected {count}, got {len(controllers)}",
         "one for each plant",
