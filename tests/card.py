@@ -176,10 +176,17 @@ class StandIn:
         return ctypes.cast(getattr(self._kernels[key], KERNEL), ctypes.c_void_p).value
 
 
+_made: list[StandIn] = []
+
+
 @pytest.fixture(scope="session")
 def stand_in(tmp_path_factory: pytest.TempPathFactory) -> StandIn:
-    """The library, compiled once."""
-    return StandIn(tmp_path_factory.mktemp("driver"))
+    """The library, one in a process: kernels find its functions by name, those of the first one that is loaded.
+
+    Each file that imports this fixture has it anew."""
+    if not _made:
+        _made.append(StandIn(tmp_path_factory.mktemp("driver")))
+    return _made[0]
 
 
 @pytest.fixture

@@ -545,7 +545,9 @@ class Ensemble:
         key, program = self._program(sub_steps, own_law)
         return share((*key, returned), lambda: GpuKernel(program(), returned, self.controller.fused))
 
-    def _program(self, sub_steps: int, own_law: bool) -> tuple[tuple[object, ...], Callable[[], Program]]:
+    def _program(
+        self, sub_steps: int, own_law: bool = False
+    ) -> tuple[tuple[object, ...], Callable[[], Program]]:
         """Key of the program of many runs, and what writes it."""
         disturbed = self.disturbance is not None
         code = LoopCode(self.plant, self.controller, self.channel, sub_steps if disturbed else 1)
