@@ -128,14 +128,14 @@ MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
 _PREFIX, _PREFIXES = ".batch-{:08d}.", r"\.batch-\d{8}\."
 
-#: Largest number of threads that check files; bytes of rows that were just written, and need not be read for the table.
-_READERS, _RECENT = 8, 64_000_000
+#: Largest number of threads that read files; bytes of rows that were just written, and need not be read for the table.
+READERS, _RECENT = 8, 64_000_000
 
 #: Relative tolerance for numbers that are drawn again: processors differ in the last bits of normal numbers.
 _SAME = 1e-9
 
-#: Largest number of changed settings that an error lists.
-_LISTED = 8
+#: Largest number of changed settings, or of batches, that an error lists.
+LISTED = 8
 
 
 @dataclass(eq=False)
@@ -256,7 +256,7 @@ class Journal:
         """Refuse a campaign other than this one; the message names the differences."""
         self.refuse_other(other.settings)
         own, others = ({column.name for column in side.columns} for side in (self, other))
-        strange = sorted(own ^ others)[:_LISTED]
+        strange = sorted(own ^ others)[:LISTED]
         refuse_if(
             self.digest != other.digest,
             "The folder is that of a campaign with other columns.",
@@ -271,7 +271,7 @@ class Journal:
         refuse_if(
             differences,
             "The folder is that of another campaign; it cannot be taken up again with other settings.",
-            f"{self.folder}; there → now: {listed(differences, _LISTED)}",
+            f"{self.folder}; there → now: {listed(differences, LISTED)}",
             "another folder for these settings, or the settings of this folder again",
         )
 
@@ -411,7 +411,7 @@ class Journal:
             named = (_SHARD.match(path.name) for path in some)
             batches = [int(match[1]) if match else -1 for match in named]
             expected = self._numbers_of({batch for batch in batches if 0 <= batch < self.batches})
-            yield from zip(some, batches, in_threads(partial(self._wrong, expected=expected), some, _READERS))
+            yield from zip(some, batches, in_threads(partial(self._wrong, expected=expected), some, READERS))
 
     def _numbers_of(self, batches: Collection[int]) -> dict[int, Rows] | ValueError | KeyError:
         """Varied numbers of the samples of batches, drawn at once; none of a user's function, whose code is not in the

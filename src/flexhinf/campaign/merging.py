@@ -17,7 +17,7 @@ from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexhinf.campaign.journal import TABLE, Journal, disk_refusals, publish_whole
+from flexhinf.campaign.journal import LISTED, READERS, TABLE, Journal, disk_refusals, publish_whole
 from flexhinf.campaign.parquet import TABLE_FORMAT
 from flexhinf.errors import refuse_if
 from flexhinf.files import make_durable, part_file
@@ -27,11 +27,8 @@ if TYPE_CHECKING:
     from pyarrow import Table
     from pyarrow.parquet import ParquetWriter
 
-#: Largest number of threads that read files; and smallest number of rows of a group in the table.
-READERS, GROUP = 8, 16_384
-
-#: Largest number of missing batches that an error lists.
-_LISTED = 8
+#: Smallest number of rows of a group in the table.
+GROUP = 16_384
 
 
 class GrowingTable:
@@ -55,12 +52,12 @@ class GrowingTable:
         """The table, whole, from the shards of all batches; InvalidInput if one is missing."""
         batches = self.journal.batches
         lacking = batches - len(good)
-        first = islice((str(batch) for batch in range(batches) if batch not in good), _LISTED)
+        first = islice((str(batch) for batch in range(batches) if batch not in good), LISTED)
         refuse_if(
             lacking,
             "The campaign is not complete.",
             f"expected {batches} batches, got {len(good)}; missing: "
-            f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
+            f"{', '.join(first)}{' …' if lacking > LISTED else ''}",
             "the campaign's command again, or the folders of the other shards",
         )
         self.good, path = good, self.journal.folder / TABLE

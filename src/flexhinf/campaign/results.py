@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import PART, TRACED, Campaign, Rows, TableColumn, rows_of
-from flexhinf.campaign.journal import TABLE, Journal
+from flexhinf.campaign.journal import READERS, TABLE, Journal
 from flexhinf.campaign.manifest import differing, listed
-from flexhinf.campaign.merging import READERS, GrowingTable
+from flexhinf.campaign.merging import GrowingTable
 from flexhinf.campaign.metrics import COMPLETED, MetricLimit
 from flexhinf.campaign.parquet import numpy_column, read_columns
 from flexhinf.campaign.surrogates import MOST_ROWS, Sensitivity, sensitivity
