@@ -103,8 +103,8 @@ def beside(function: Callable[[], Result]) -> Generator[Callable[[], Result]]:
 
 
 def cached_by_all(most: int) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
-    """A decorator as `functools.lru_cache`, of hashable arguments: what a copy computes is sent with its results, so
-    that this process and later copies have it too."""
+    """A decorator that keeps the newest results of a function of hashable arguments: what a copy computes is sent with
+    its results, so that this process and later copies have it too."""
 
     def decorated(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
         place, cache = len(_caches), dict[object, Any]()
