@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, cast
 import casadi as ca
 import numpy as np
 
-from flexhinf.arrays import Numbers
+from flexhinf.arrays import Elements, Numbers
 from flexhinf.codegen import (
     Buffer,
     Call,
@@ -134,7 +134,7 @@ class Channel:
             first += late
         return np.array(there) + gap, np.array(kept)
 
-    def arrived_at_once(self, y: Any, gap: Any) -> Any:
+    def arrived_at_once(self, y: Elements, gap: Elements) -> Elements:
         """The same (p,) where nothing is late."""
         return self.arrived(y, np.zeros(0), gap)[0]
 
