@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -24,15 +24,43 @@ if TYPE_CHECKING:
     from flexhinf.estimation.modal import ModalFilter
 
 
+class Motors(NamedTuple):
+    """How far motors are from alike: N = VᵀDV/κ − 1 with D = K/J, −ν₁ ≤ N ≤ ν₂, and Φ = VᵀFV − β with F = B/J,
+    −φ₁ ≤ Φ ≤ φ₂."""
+
+    slower: float = 0.0  # ν₁, a share
+    faster: float = 0.0  # ν₂
+    less_friction: float = 0.0  # φ₁, 1/s
+    more_friction: float = 0.0  # φ₂, 1/s
+
+    def share(self, share: float) -> Motors:
+        """A share of these."""
+        return Motors(*(share * one for one in self))
+
+
 @dataclass(frozen=True, eq=False)
 class SampledPairs:
-    """The sampled loops of all pairs of a law: latency, and an estimator or the true state."""
+    """The sampled loops of all pairs of a law: latency, and an estimator or the true state.
+
+    With unlike motors the filter, or the prediction over a latency of one sample, is of the model with these motors.
+    """
 
     gains: PairGains
     latency: int = 0
     filter: ModalFilter | None = None
     delay: float = 0.0  # θ₁, samples, at most 1: inputs act later by an unknown constant θ up to it
     late: float = 0.0  # θ of the loop that is computed
+    motors: Motors | None = None  # how far they are from alike; None where they are so
+
+    @cached_property
+    def with_alike_motors(self) -> SampledPairs:
+        """The same loops of the same states, with N = Φ = 0."""
+        return self if self.motors is None else replace(self, motors=Motors())
+
+    @cached_property
+    def alike(self) -> SampledPairs:
+        """The loops if motors were alike."""
+        return self if self.motors is None else replace(self, motors=None)
 
     def late_by(self, late: float) -> SampledPairs:
         """The same loops with another θ."""
@@ -69,38 +97,68 @@ class SampledPairs:
         The states are (z, z′, s, s′), the filter's prediction of these, the integral in periods, the last position, and
         the inputs that wait, the next one first. With an unknown delay the input of the period before stands before
         those that wait, and before the acting one (6, n).
+
+        With unlike motors the prediction is a state with a latency of a sample too, and no input waits: the law used
+        the prediction, and the integral of then. The twist and the motor's speed that it used follow the acting input,
+        and then the estimate, (11, n); a period's flow gives the next prediction, so that the memory is the integral
+        and the last position, (2, n).
         """
-        if link in self._memories:
-            return self._memories[link]
-        h, observed = self.gains.period, self.filter is not None
-        delayed = self.delay > 0.0
+        if link not in self._memories:
+            self._memories[link] = self._memory(link) if self.motors is None else self._unlike_memory(link)
+        return self._memories[link]
+
+    def _memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
+        """The memory of alike motors."""
+        observed, delayed = self.filter is not None, self.delay > 0.0
         unit = np.eye(6 + delayed + self.latency + 4 * observed)
         state, others = unit[:4], unit[4 + 4 * observed :]
         before, waiting = others[2 : 2 + delayed], others[2 + delayed :]
         flow = expm(self.model(link))[:4]
-        estimate, position = state, state[0]
-        if self.filter is not None:
-            seen, table, (low, high) = self.filter.pair
-            place = np.clip((2.0 * np.log(link) - low - high) / (high - low), -1.0, 1.0)
-            correction = chebyshev.chebval(place, table).reshape(4, -1)
-            # Filter and gains count in (z, z′, w, w′) and in seconds.
-            to_plain = np.array(
-                [[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]], dtype=float
-            )
-            correction, sees = np.linalg.solve(to_plain, correction), seen @ to_plain
-            estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
-            if [1.0, 0.0, 0.0, 0.0] not in seen.tolist():
-                position = estimate[0]
+        estimate, position = self._estimate(link, unit)
         integral, ahead = others[0] + 0.5 * (others[1] + position), estimate
         for one in waiting:
             ahead = flow @ np.vstack([ahead, one])
-        kz, kdz, kw, kdw, ke = self.gains(link)[:5]
-        gain = np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
-        queue = np.vstack([waiting, -gain @ np.vstack([ahead, integral])])
+        queue = np.vstack([waiting, -self._gain(link) @ np.vstack([ahead, integral])])
         predicted = [flow @ np.vstack([estimate, queue[0]])] if observed else []
         kept = [integral, position, queue[:delayed], queue[1:]]
-        found = np.vstack([state, before, queue[0]]), np.vstack([*predicted, *kept])
-        return self._memories.setdefault(link, found)
+        return np.vstack([state, before, queue[0]]), np.vstack([*predicted, *kept])
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the prediction is a state of loops with unlike motors."""
+        return self.filter is not None or self.latency > 0
+
+    def _unlike_memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
+        """The memory of unlike motors."""
+        unit = np.eye(6 + 4 * self.predicts)
+        estimate, position = self._estimate(link, unit)
+        total, last = unit[-2:]
+        integral = total + 0.5 * (last + position)
+        used, summed = (unit[4:8], total) if self.latency else (estimate, integral)
+        force = -self._gain(link) @ np.vstack([used, summed])
+        return np.vstack([unit[:4], force, used[2], used[1] + used[3], estimate]), np.vstack(
+            [integral, position]
+        )
+
+    def _gain(self, link: float) -> np.ndarray:
+        """k (5,) of (z, z′, s, s′) and the integral, in periods."""
+        h = self.gains.period
+        kz, kdz, kw, kdw, ke = self.gains(link)[:5]
+        return np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
+
+    def _estimate(self, link: float, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The estimate (4, n) of the state, and the link's position that is integrated (n,), by the n states."""
+        h, state = self.gains.period, unit[:4]
+        if self.filter is None:
+            return state, state[0]
+        seen, table, (low, high) = self.filter.pair
+        place = np.clip((2.0 * np.log(link) - low - high) / (high - low), -1.0, 1.0)
+        correction = chebyshev.chebval(place, table).reshape(4, -1)
+        # Filter and gains count in (z, z′, w, w′) and in seconds.
+        to_plain = np.array([[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]], dtype=float)
+        correction, sees = np.linalg.solve(to_plain, correction), seen @ to_plain
+        estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
+        return estimate, state[0] if [1.0, 0.0, 0.0, 0.0] in seen.tolist() else estimate[0]
 
     def radius(
         self,
@@ -110,7 +168,9 @@ class SampledPairs:
         slope: np.ndarray | float = 0.0,
     ) -> float:
         """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia, E (k, k) of the
-        stiffness, and a slope Γ (k, k) of gravity, mix."""
+        stiffness, and a slope Γ (k, k) of gravity, mix; of alike motors."""
+        if self.motors is not None:
+            return self.alike.radius(links, errors, springs, slope)
         count, roots = len(links), np.sqrt(links) * self.gains.period
         model = _along_diagonal([*map(self.model, links)])
         acting, memory = zip(*map(self.memory, links))

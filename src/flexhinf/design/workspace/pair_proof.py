@@ -18,7 +18,7 @@ from flexhinf.certify.checker.pair_claim import (
 )
 from flexhinf.certify.checker.pairs import Box, box_proved, regular_at_first
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
-from flexhinf.modal.popov import NONE, Errors, PairStorages, Storages
+from flexhinf.modal.popov import NONE, Errors, MotorWeights, PairStorages, Storages
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
@@ -208,7 +208,7 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         "latency": pairs.latency,
         "delay": float(pairs.delay),
         "poles": gains.poles.tolist(),
-        "coefficients": gains.coefficients[:5].tolist(),
+        "coefficients": gains.coefficients[: 5 if pairs.motors is None else 6].tolist(),
         "observer": observer,
         **dict(zip(ERRORS, map(float, storages.errors.numbers))),
         "multiplier": multipliers.masses,
@@ -218,8 +218,25 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         **dict(zip(DAMPING_WEIGHTS, multipliers.damping[1:])),
         "any_motion": storages.errors.any_motion,
         "filters": [list(one) for one in multipliers.filters],
+        "motors": _motor_numbers(storages),
         "rate": float(storages.rate),
         "intervals": intervals,
+    }
+
+
+def _motor_numbers(storages: PairStorages) -> Numbers | None:
+    """What a file says of unlike motors."""
+    motors, weights = storages.pairs.motors, storages.multipliers.motors or MotorWeights()
+    if motors is None:
+        return None
+    return {
+        **motors._asdict(),
+        "weights": list(weights.weights),
+        "skew": list(weights.skew),
+        "friction_weights": list(weights.friction),
+        "multiplier": weights.multiplier,
+        "filters": [list(one) for one in weights.filters],
+        "error_filters": [list(one) for one in weights.error_filters],
     }
 
 
