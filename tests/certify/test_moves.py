@@ -368,7 +368,7 @@ def test_none_of_dozens_of_forged_and_damaged_files_is_accepted(found, tried):
 def test_a_proof_that_says_more_of_moves_than_its_certificate_is_not_proved(found, monkeypatch):
     """Beside pairs that count as checked here."""
     _, _, numbers, loop = found
-    pairs = CheckedPairs(*ENDS, *WIDE, 0.0, 0.0, 0.0, 0.0, 0.0, False, 0.0, 0.0, 1)
+    pairs = CheckedPairs(*ENDS, *WIDE, 0.0, 0.0, 0.0, 0.0, 0.0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
     monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
     checked = checked_of(numbers, loop)
     assert isinstance(checked, CheckedMoves)

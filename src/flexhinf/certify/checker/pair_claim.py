@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import arb
+from flint import arb, fmpq, fmpq_mat
 
 from flexhinf.errors import InvalidInput, refuse_if
 
@@ -25,11 +25,57 @@ MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS, *DAMPING_WEIGHTS]
 BESIDE_SPRINGS = ["lower", "upper", "falling", "holding_up", "spring_damping"]
 SCALARS = [*LOOP, *ERRORS, "spring_damping", *MULTIPLIERS]
 
+#: Keys of single numbers of unlike motors, and their lists with how many numbers each has.
+MOTORS = ["slower", "faster", "less_friction", "more_friction", "multiplier"]
+MOTOR_WEIGHTS = {"weights": 6, "skew": 3, "friction_weights": 3}
+
 #: Most intervals, states of a pair, terms of a filter's series, and filters of the multiplier in a file.
 MOST = 100_000, 40, 2_000, 4
 
 #: Most λ, and most θ, of a storage in an interval.
 NODES = 8
+
+
+class MotorsClaim(NamedTuple):
+    """The numbers of a file about motors that differ from joint to joint, in periods but for the friction."""
+
+    slower: float  # ν₁: K/J of a joint down to (1 − ν₁) κ
+    faster: float  # ν₂: and up to (1 + ν₂) κ
+    less_friction: float  # φ₁, 1/s: B/J of a joint down to β − φ₁
+    more_friction: float  # φ₂, 1/s: and up to β + φ₂
+    multiplier: float  # π, of n and the rate of the twist
+    weights: np.ndarray  # (3, 3), Π, of twists: since the sample, unknown to the model, and at the sample
+    skew: np.ndarray  # (3, 3), k below the diagonal
+    friction_weights: np.ndarray  # (3,), of speeds in the same order
+    filters: np.ndarray  # (k, 3), ϖ, σ and c of each filter of n
+    error_filters: np.ndarray  # (k, 3), the same of what the model does not know of n
+
+    @property
+    def sizes(self) -> tuple[float, float, float, float]:
+        """ν₁, ν₂, φ₁ and φ₂."""
+        return self.slower, self.faster, self.less_friction, self.more_friction
+
+    @property
+    def with_friction(self) -> bool:
+        """Whether motors have unlike friction."""
+        return max(self.less_friction, self.more_friction) > 0.0
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether all numbers are in their ranges: Π ≥ 0 by all its principal minors, which are rational."""
+        exact = [[fmpq(*entry.as_integer_ratio()) for entry in row] for row in self.weights.tolist()]
+        minors = (
+            fmpq_mat([[exact[i][j] for j in chosen] for i in chosen]).det()
+            for count in (1, 2, 3)
+            for chosen in combinations(range(3), count)
+        )
+        poles = np.concatenate([self.filters[:, 0], self.error_filters[:, 0]])
+        return (
+            min(self.sizes) >= 0.0
+            and self.slower < 1.0
+            and bool((self.friction_weights >= 0.0).all() and (poles > 0.0).all())
+            and all(minor >= 0 for minor in minors)
+        )
 
 
 class PairClaim(NamedTuple):
@@ -42,7 +88,9 @@ class PairClaim(NamedTuple):
     input: float  # b, 1/s²
     latency: int  # samples
     poles: np.ndarray  # (k,), 1/s²
-    coefficients: np.ndarray  # (5, k + 1), of the gains of z, z′, w, w′ and the integral
+    coefficients: (
+        np.ndarray
+    )  # (5, k + 1), of the gains of z, z′, w, w′ and the integral; a sixth row of unlike motors
     seen: np.ndarray | None  # (m, 4), what the filter measures of z, z′, w, w′; None for the true state
     table: np.ndarray | None  # (d, 4m), Chebyshev coefficients of its gains
     filter_range: tuple[float, float] | None  # ends of log λ in it
@@ -67,6 +115,7 @@ class PairClaim(NamedTuple):
     damping_lift: float
     any_motion: bool  # whether gravity is any function with such slopes, of one joint
     filters: np.ndarray  # (k, 3), p, σ and c of each filter of the multiplier
+    motors: MotorsClaim | None  # None where motors are alike
     rate: float  # α, 1/s
     delay: float  # θ₁, samples: the unknown delay is between 0 and this
     links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
@@ -75,20 +124,29 @@ class PairClaim(NamedTuple):
 
     @property
     def exact(self) -> PairClaim:
-        """The law and the loop without errors, rate and unknown delay."""
+        """The law and the loop without errors, rate and unknown delay, with motors alike."""
         errors = dict.fromkeys((*ERRORS, "spring_damping", "multiplier", "rate", "delay"), 0.0)
-        return self._replace(**errors, filters=np.zeros((0, 3)))
+        return self._replace(**errors, filters=np.zeros((0, 3)), motors=None)
 
     @property
     def states(self) -> int:
         """n, of the loop of a pair, and what errors add."""
-        return 6 + (self.delay > 0.0) + self.latency + 4 * (self.seen is not None) + self.added
+        waiting = 0 if self.motors else self.latency
+        return 6 + (self.delay > 0.0) + waiting + 4 * self.with_prediction + self.added
+
+    @property
+    def with_prediction(self) -> bool:
+        """Whether the model's prediction is a state of the loop: that of a filter, or one by which unlike motors with a
+        latency are made alike."""
+        return self.seen is not None or (self.motors is not None and self.latency > 0)
 
     @property
     def added(self) -> int:
         """States that errors add: two of each filter, e where springs and others have errors, p where gravity has a
         slope, b where springs are damped."""
-        return 2 * len(self.filters) + self.with_springs + self.with_slope + self.with_damping
+        of_motors = len(self.motors.filters) + len(self.motors.error_filters) if self.motors else 0
+        filters = len(self.filters) + of_motors
+        return 2 * filters + self.with_springs + self.with_slope + self.with_damping
 
     @property
     def with_springs(self) -> bool:
@@ -142,37 +200,58 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             if not (fits and len(ends) == 2 and ends[0] < ends[1] and len(table) <= MOST[2]):
                 raise ValueError("the observer has other shapes")
         poles, coefficients = finite_numbers(numbers["poles"], 1), finite_numbers(numbers["coefficients"], 2)
-        springs = max(one["softer"], one["stiffer"]) > 0.0
-        alone = not any(one[name] for name in (*BESIDE_SPRINGS, "rate_weight"))
-        slope = max(one["falling"], one["holding_up"]) > 0.0
-        damped, any_motion = bool(one["spring_damping"] > 0.0), numbers["any_motion"]
+        any_motion, delayed = numbers["any_motion"], bool(one["delay"] > 0.0)
         if not isinstance(any_motion, bool):
             raise ValueError(f"any_motion {any_motion!r}")
-        delayed = bool(one["delay"] > 0.0)
-        n = (
-            6
-            + delayed
-            + latency
-            + 4 * (seen is not None)
-            + 2 * len(filters)
-            + bool(springs and not alone)
-            + bool(slope)
-            + damped
-        )
+        motors = None if numbers["motors"] is None else _motors(numbers["motors"])
         links = finite_numbers([parts[0]["low"], *(part["high"] for part in parts)], 1)
         delays = [finite_numbers(part["delays"], 1).tolist() if delayed else [0.0] for part in parts]
+        claim = PairClaim(
+            **one,
+            latency=latency,
+            poles=poles,
+            coefficients=coefficients,
+            seen=seen,
+            table=table,
+            filter_range=ends,
+            any_motion=any_motion,
+            filters=filters,
+            motors=motors,
+            links=links,
+            delays=delays,
+            storages=[],
+        )
+        if any(part["low"] != low for part, low in zip(parts, links.tolist())):
+            raise ValueError("an interval does not begin where the one before it ends")
+        if coefficients.shape != (5 if motors is None else 6, len(poles) + 1):
+            raise ValueError("the law has another shape")
+    _check_ranges(claim)
+    if motors is not None:
+        _check_beside_motors(claim)
+    with refused_as_damaged("certificate of a workspace"):
         storages = [
             _symmetric(
                 finite_numbers(part["storages"] if delayed else [part["storages"]], 3),
                 max(1, len(own) - 1),
-                n,
+                claim.states,
             )
             for part, own in zip(parts, delays)
         ]
-        if any(part["low"] != low for part, low in zip(parts, links.tolist())):
-            raise ValueError("an interval does not begin where the one before it ends")
-        if coefficients.shape != (5, len(poles) + 1):
-            raise ValueError("the law has another shape")
+    return claim._replace(storages=storages)
+
+
+def _check_ranges(claim: PairClaim) -> None:
+    """Refuse numbers that a theorem does not hold for."""
+    one, filters, poles, links, delays = (
+        claim._asdict(),
+        claim.filters,
+        claim.poles,
+        claim.links,
+        claim.delays,
+    )
+    springs = max(claim.softer, claim.stiffer) > 0.0
+    alone = not any(one[name] for name in (*BESIDE_SPRINGS, "rate_weight", "motors"))
+    slope, damped, any_motion = claim.with_slope, claim.with_damping, claim.any_motion
     wrong = [
         name
         for name, right in (
@@ -211,6 +290,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             ),
             ("any_motion", not any_motion or one["rate"] == 0.0),
             ("filters", (filters[:, 0] > 0.0).all()),
+            ("motors", claim.motors is None or claim.motors.is_inside),
             ("poles", (poles > 0.0).all()),
             ("delay", 0.0 <= one["delay"] <= 1.0),
             ("delays", all(own[0] == 0.0 and own[-1] == one["delay"] for own in delays)),
@@ -225,19 +305,22 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         f"expected positive rates, sectors below 1, weights and ascending intervals, got other {', '.join(wrong)}",
         "the file that flexhinf certify has written",
     )
-    return PairClaim(
-        **one,
-        latency=latency,
-        poles=poles,
-        coefficients=coefficients,
-        seen=seen,
-        table=table,
-        filter_range=ends,
-        any_motion=any_motion,
-        filters=filters,
-        links=links,
-        delays=delays,
-        storages=storages,
+
+
+def _check_beside_motors(claim: PairClaim) -> None:
+    """Refuse what the proof of unlike motors does not treat."""
+    treated = (
+        ("an unknown delay", claim.delay == 0.0),
+        ("motions of any size", not claim.any_motion),
+        ("a latency of more than one sample", claim.latency <= 1),
+        ("an inner loop", claim.holding == 0.0 and claim.motor == claim.input),
+    )
+    others = [name for name, holds in treated if not holds]
+    refuse_if(
+        bool(others),
+        "The certificate of a workspace has unlike motors beside what their proof does not treat.",
+        f"expected linear loops of torques with a known latency of 0 or 1, got {', '.join(others)}",
+        "the file that flexhinf certify has written",
     )
 
 
@@ -251,6 +334,26 @@ def _symmetric(triangles: np.ndarray, boxes: int, n: int) -> np.ndarray:
     rows, columns = np.tril_indices(n)
     matrices[..., rows, columns] = matrices[..., columns, rows] = triangles
     return matrices
+
+
+def _motors(numbers: Mapping[str, Any]) -> MotorsClaim:
+    """Of the numbers under "motors"."""
+    one = {name: float(finite_numbers(numbers[name], 0)) for name in MOTORS}
+    lists = {name: finite_numbers(numbers[name], 1) for name in MOTOR_WEIGHTS}
+    if any(len(lists[name]) != count for name, count in MOTOR_WEIGHTS.items()):
+        raise ValueError("the weights of motors have other shapes")
+    weights, skew = np.zeros((3, 3)), np.zeros((3, 3))
+    skew[np.tril_indices(3, -1)] = lists["skew"]
+    weights[np.tril_indices(3)] = lists["weights"]
+    weights = weights + np.tril(weights, -1).T
+    return MotorsClaim(
+        **one,
+        weights=weights,
+        skew=skew,
+        friction_weights=lists["friction_weights"],
+        filters=_filters(numbers["filters"]),
+        error_filters=_filters(numbers["error_filters"]),
+    )
 
 
 def _filters(value: object) -> np.ndarray:

@@ -21,8 +21,9 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
-from flint import arb, arb_mat, arb_series, ctx, fmpq, fmpq_mat
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
+from flexhinf.certify.checker.at_samples import sampled, sampled_with_motors
 from flexhinf.certify.checker.congruence import middles, near_unit, towards_unit
 from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
 from flexhinf.certify.checker.pair_claim import PairClaim
@@ -31,7 +32,6 @@ from flexhinf.certify.checker.taylor_matrix import (
     NO_ENCLOSURE,
     TaylorMatrix,
     positive_definite,
-    taylor_row,
 )
 
 #: Bits of the balls.
@@ -59,6 +59,10 @@ class CheckedPairs(NamedTuple):
     any_motion: bool  # of one joint: motions of any size, with any torque of gravity that has such slopes
     rate: float  # α, 1/s: small motions about norms decay at least like exp(−αt)
     delay: float  # θ₁, samples: with every constant delay of the inputs up to it, beside the latency
+    slower: float  # ν₁: K/J of joints down to (1 − ν₁) κ
+    faster: float  # ν₂: and up to (1 + ν₂) κ
+    less_friction: float  # φ₁, 1/s: B/J of joints down to β − φ₁
+    more_friction: float  # φ₂, 1/s: and up to β + φ₂
     intervals: int
 
 
@@ -72,7 +76,8 @@ def check_pairs(claim: PairClaim) -> CheckedPairs | int:
     low, high = claim.links[[0, -1]].tolist()
     errors = claim.lower, claim.upper, claim.softer, claim.stiffer, claim.falling, claim.holding_up
     gravity = claim.spring_damping, claim.any_motion
-    return CheckedPairs(low, high, *errors, *gravity, claim.rate, claim.delay, len(claim.storages))
+    motors = (0.0, 0.0, 0.0, 0.0) if claim.motors is None else claim.motors.sizes
+    return CheckedPairs(low, high, *errors, *gravity, claim.rate, claim.delay, *motors, len(claim.storages))
 
 
 class Box(NamedTuple):
@@ -174,34 +179,56 @@ def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u, and θ the
     same of v and the two numbers `late`."""
     one, alpha = pair_flow(claim, centre, half), arb(claim.rate) * arb(claim.period)
-    inputs, shift = 1 + (claim.delay > 0.0), one.shift
-    size = 4 + inputs + claim.added
+    shift, n, added = one.shift, claim.states, claim.added
     if claim.delay:
         flow, shift = late_flow(one.hamiltonian, alpha, *late), with_input_before(shift)
     else:
         flow = one.hamiltonian.exponential()
+    size = shift.constant.nrows()
     x, y = flow.rows(0, size).columns(0, size), flow.rows(0, size).columns(size, 2 * size)
     c, d = flow.rows(size, 2 * size).columns(0, size), flow.rows(size, 2 * size).columns(size, 2 * size)
     end = shift @ y + d
     inverse = end.inverse()
-    w, q = y @ inverse, inverse @ (end @ shift - shift @ x - c)
-    acting, memory = sampled(claim, centre, half, free_flow(claim, centre, half))
+    worst = _WorstPeriod(inverse.transpose(), inverse @ (end @ shift - shift @ x - c), y @ inverse)
+    if claim.motors is None:
+        acting, memory = sampled(claim, centre, half, free_flow(claim, centre, half))
+    else:
+        acting, chosen, memory = sampled_with_motors(claim, centre, half)
+        worst = _with_chosen(worst, chosen)
     # Rows of the flow's states that the worst moves, and where the loop has these.
-    places, other = np.zeros((size, claim.states), dtype=int), claim.states - 4 - claim.added
-    places[range(4), range(4)] = 1
-    places[range(4 + inputs, size), range(4 + other, claim.states)] = 1
+    places, first = np.zeros((size, n), dtype=int), 4
+    places[range(4), range(4)] = places[range(size - added, size), range(n - added, n)] = 1
+    if claim.motors is not None and claim.with_prediction:
+        places[range(size - added - 4, size - added), range(4, 8)], first = 1, 8
     moves = TaylorMatrix.of(places.tolist())
-    kept = TaylorMatrix.of(np.eye(claim.states, dtype=int)[4 : 4 + other].T.tolist())
-    after = moves.transpose() @ inverse.transpose() @ acting + kept @ memory.times(alpha.exp())
-    return _WorstPeriod(after, acting.transpose() @ q @ acting, moves.transpose() @ w @ moves)
+    kept = TaylorMatrix.of(np.eye(n, dtype=int)[first : n - added].T.tolist())
+    after = moves.transpose() @ worst.a @ acting + kept @ memory.times(alpha.exp())
+    return _WorstPeriod(after, acting.transpose() @ worst.q @ acting, moves.transpose() @ worst.w @ moves)
+
+
+def _with_chosen(worst: _WorstPeriod, chosen: TaylorMatrix) -> _WorstPeriod:
+    """A worst period that begins at x + g c for any c, whose weight −gᵀQg must be positive: it is so in the middle, and
+    regular everywhere."""
+    weight = -(chosen.transpose() @ worst.q @ chosen)
+    if not positive_definite(weight.constant + weight.remainder):
+        raise ZeroDivisionError("what is chosen at a sample may gain without bound")
+    inverse, moved, gained = weight.inverse(), worst.a @ chosen, worst.q @ chosen
+    answer = inverse @ gained.transpose()
+    return _WorstPeriod(
+        worst.a + moved @ answer, worst.q + gained @ answer, worst.w + moved @ inverse @ moved.transpose()
+    )
 
 
 def regular_at_first(claim: PairClaim) -> bool:
     """Whether Φ₂₂ is regular at all instants of a period at the first λ: then it is so in all intervals in which it is
     regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
     with _balls():
-        whole_flow, size = pair_flow(claim, arb(float(claim.links[0])), arb(0)), 5 + claim.added
+        try:
+            whole_flow = pair_flow(claim, arb(float(claim.links[0])), arb(0))
+        except ZeroDivisionError:  # a weight that is not shown to be positive
+            return False
         rate, shift = whole_flow.hamiltonian.constant, whole_flow.shift
+        size = shift.constant.nrows()
         parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
         while parts:
             begin, end, halvings = parts.pop()
@@ -215,50 +242,3 @@ def regular_at_first(claim: PairClaim) -> bool:
                     return False
                 parts += [(begin, centre, halvings - 1), (centre, end, halvings - 1)]
     return True
-
-
-def sampled(
-    claim: PairClaim, centre: arb, half: arb, flow: TaylorMatrix
-) -> tuple[TaylorMatrix, TaylorMatrix]:
-    """(z, z′, s, s′), the acting inputs and what errors add, and the memory after a period, by the states of the
-    loop."""
-    h, n, observed = arb(claim.period), claim.states, claim.seen is not None
-    unit = TaylorMatrix.of(np.eye(n).tolist())
-    state, memory = unit.rows(0, 4), 4 + 4 * observed
-    estimate = state
-    # (z, z′, w, w′) in seconds, of (z, z′, s, s′) in periods.
-    plain = TaylorMatrix.of([[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]])
-    back = TaylorMatrix.of([[1, 0, 0, 0], [0, h, 0, 0], [-1, 0, 1, 0], [0, -h, 0, h]])
-    if claim.seen is not None and claim.table is not None and claim.filter_range is not None:
-        table, (low, high) = claim.table, map(arb, claim.filter_range)
-
-        def cosines(link: arb_series) -> list[arb_series]:
-            angle = ((2 * link.log() - (low + high)) / (high - low)).acos()
-            return [(k * angle).cos() for k in range(len(table))]
-
-        series = taylor_row(cosines, centre, half) @ TaylorMatrix.of(table.tolist())
-        columns = len(claim.seen)
-        gain = TaylorMatrix.stacked([[series.columns(i * columns, (i + 1) * columns)] for i in range(4)])
-        predicted = unit.rows(4, 8)
-        seen = TaylorMatrix.of(claim.seen.tolist())
-        estimate = predicted + back @ gain @ seen @ plain @ (state - predicted)
-    exact = claim.seen is None or [1.0, 0.0, 0.0, 0.0] in claim.seen.tolist()
-    position = (state if exact else estimate).rows(0, 1)
-    total, last = unit.rows(memory, memory + 1), unit.rows(memory + 1, memory + 2)
-    integral, ahead = total + (last + position).times(arb(0.5)), estimate
-    first = memory + 2 + (claim.delay > 0.0)
-    waiting = [unit.rows(k, k + 1) for k in range(first, n - claim.added)]
-    for one in waiting:
-        ahead = flow @ TaylorMatrix.stacked([[ahead], [one]])
-
-    def poles(link: arb_series) -> list[arb_series]:
-        return [arb(p) / (link + arb(p)) for p in claim.poles.tolist()] + [arb_series([1])]
-
-    gains = taylor_row(poles, centre, half) @ TaylorMatrix.of(claim.coefficients.T.tolist())
-    force = -(gains.columns(0, 4) @ plain @ ahead + gains.columns(4, 5).times(h) @ integral)
-    queue = [*waiting, force]
-    after = [flow @ TaylorMatrix.stacked([[estimate], [queue[0]]])] if observed else []
-    after = [[part] for part in (*after, integral, position, *queue[: first - memory - 2], *queue[1:])]
-    before = [[unit.rows(memory + 2, first)]] if claim.delay else []
-    added = [[unit.rows(n - claim.added, n)]] if claim.added else []
-    return TaylorMatrix.stacked([[state], *before, [queue[0]], *added]), TaylorMatrix.stacked(after)

@@ -1,0 +1,110 @@
+"""What law and filter do at a sample, by the states of a pair's loop, in ball arithmetic."""
+
+from __future__ import annotations
+
+import numpy as np
+from flint import arb, arb_mat, arb_series
+
+from flexhinf.certify.checker.motor_errors import TWIST_HELD, held_names
+from flexhinf.certify.checker.pair_claim import PairClaim
+from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
+
+
+class LawAtSample:
+    """Filter, gains and integral of a pair with λ = centre + half·u."""
+
+    def __init__(self, claim: PairClaim, centre: arb, half: arb) -> None:
+        self._claim, self._box = claim, (centre, half)
+        self._h, n, predicted = arb(claim.period), claim.states, 4 * claim.with_prediction
+        self.unit = TaylorMatrix.of(np.eye(n).tolist())
+        self.state = self.unit.rows(0, 4)
+        self.predicted = self.unit.rows(4, 8) if predicted else self.state
+        # (z, z′, w, w′) in seconds, of (z, z′, s, s′) in periods.
+        self._plain = TaylorMatrix.of(
+            [[1, 0, 0, 0], [0, 1 / self._h, 0, 0], [1, 0, 1, 0], [0, 1 / self._h, 0, 1 / self._h]]
+        )
+        self.estimate = self._corrected()
+        exact = claim.seen is None or [1.0, 0.0, 0.0, 0.0] in claim.seen.tolist()
+        self.position = (self.state if exact else self.estimate).rows(0, 1)
+        self.total = self.unit.rows(4 + predicted, 5 + predicted)
+        last = self.unit.rows(5 + predicted, 6 + predicted)
+        self.integral = self.total + (last + self.position).times(arb(0.5))
+        self.added = [[self.unit.rows(n - claim.added, n)]] if claim.added else []
+
+        def poles(link: arb_series) -> list[arb_series]:
+            return [arb(p) / (link + arb(p)) for p in claim.poles.tolist()] + [arb_series([1])]
+
+        self.gains = taylor_row(poles, centre, half) @ TaylorMatrix.of(claim.coefficients.T.tolist())
+
+    def _corrected(self) -> TaylorMatrix:
+        """The filter's estimate; without one the state."""
+        claim, h = self._claim, self._h
+        if claim.seen is None or claim.table is None or claim.filter_range is None:
+            return self.state
+        back = TaylorMatrix.of([[1, 0, 0, 0], [0, h, 0, 0], [-1, 0, 1, 0], [0, -h, 0, h]])
+        table, (low, high) = claim.table, map(arb, claim.filter_range)
+
+        def cosines(link: arb_series) -> list[arb_series]:
+            angle = ((2 * link.log() - (low + high)) / (high - low)).acos()
+            return [(k * angle).cos() for k in range(len(table))]
+
+        series = taylor_row(cosines, *self._box) @ TaylorMatrix.of(table.tolist())
+        columns = len(claim.seen)
+        gain = TaylorMatrix.stacked([[series.columns(i * columns, (i + 1) * columns)] for i in range(4)])
+        seen = TaylorMatrix.of(claim.seen.tolist())
+        return self.predicted + back @ gain @ seen @ self._plain @ (self.state - self.predicted)
+
+    def force(self, ahead: TaylorMatrix, integral: TaylorMatrix) -> TaylorMatrix:
+        """The input for a state and an integral that the law knows."""
+        return -(
+            self.gains.columns(0, 4) @ self._plain @ ahead
+            + self.gains.columns(4, 5).times(self._h) @ integral
+        )
+
+
+def sampled(
+    claim: PairClaim, centre: arb, half: arb, flow: TaylorMatrix
+) -> tuple[TaylorMatrix, TaylorMatrix]:
+    """(z, z′, s, s′), the acting inputs and what errors add, and the memory after a period, by the states of the
+    loop."""
+    law, observed = LawAtSample(claim, centre, half), claim.seen is not None
+    ahead, memory, n = law.estimate, 6 + 4 * observed, claim.states
+    first = memory + (claim.delay > 0.0)
+    waiting = [law.unit.rows(k, k + 1) for k in range(first, n - claim.added)]
+    for one in waiting:
+        ahead = flow @ TaylorMatrix.stacked([[ahead], [one]])
+    queue = [*waiting, law.force(ahead, law.integral)]
+    after = [flow @ TaylorMatrix.stacked([[law.estimate], [queue[0]]])] if observed else []
+    after = [[part] for part in (*after, law.integral, law.position, *queue[: first - memory], *queue[1:])]
+    before = [[law.unit.rows(memory, first)]] if claim.delay else []
+    return TaylorMatrix.stacked([[law.state], *before, [queue[0]], *law.added]), TaylorMatrix.stacked(after)
+
+
+def sampled_with_motors(
+    claim: PairClaim, centre: arb, half: arb
+) -> tuple[TaylorMatrix, TaylorMatrix, TaylorMatrix]:
+    """Of unlike motors the states of the flow by those of the loop, and by n₀ and p₀; and the integral and the last
+    position after a period.
+
+    The law makes motors alike by the state that it acts on: the estimate, or with a latency the prediction.
+    """
+    assert claim.motors is not None
+    law, held = LawAtSample(claim, centre, half), held_names(claim.motors)
+    known, integral = (law.predicted, law.total) if claim.latency else (law.estimate, law.integral)
+    speed = known.rows(1, 2) + known.rows(3, 4)
+    nothing = TaylorMatrix.of([[0] * claim.states] * 2)
+    begun = [known.rows(2, 3), nothing, speed, nothing][: 2 * len(held) // len(TWIST_HELD)]
+    acting = [law.state, law.force(known, integral), *begun, law.estimate]
+    size, count = 5 + len(held) + 4 + claim.added, len(held) // len(TWIST_HELD)
+    # n₀ and (1 − σ) n₀, and the same of p₀.
+    chosen, faded = np.zeros((size, count), dtype=int), np.zeros((size, count), dtype=int)
+    for k in range(count):
+        place = 5 + len(TWIST_HELD) * k
+        chosen[[place + 1, place + 2], k], faded[place + 2, k] = 1, 1
+    left = law.gains.columns(5, 6).each(lambda part: arb_mat(faded.tolist()) * part[0, 0])
+    memory = TaylorMatrix.stacked([[law.integral], [law.position]])
+    return (
+        TaylorMatrix.stacked([*([part] for part in acting), *law.added]),
+        TaylorMatrix.of(chosen.tolist()) - left,
+        memory,
+    )
