@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from flint import arb, arb_mat, arb_series
+from flint import arb, arb_series
 
-from flexhinf.certify.checker.motor_errors import TWIST_HELD, held_names
+from flexhinf.certify.checker.motor_errors import held_names
 from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
 
@@ -92,19 +92,21 @@ def sampled_with_motors(
     law, held = LawAtSample(claim, centre, half), held_names(claim.motors)
     known, integral = (law.predicted, law.total) if claim.latency else (law.estimate, law.integral)
     speed = known.rows(1, 2) + known.rows(3, 4)
-    nothing = TaylorMatrix.of([[0] * claim.states] * 2)
-    begun = [known.rows(2, 3), nothing, speed, nothing][: 2 * len(held) // len(TWIST_HELD)]
+    nothing = TaylorMatrix.of([[0] * claim.states])
+    begun = [known.rows(2, 3), nothing, speed, nothing][: len(held)]
     acting = [law.state, law.force(known, integral), *begun, law.estimate]
-    size, count = 5 + len(held) + 4 + claim.added, len(held) // len(TWIST_HELD)
-    # n₀ and (1 − σ) n₀, and the same of p₀.
-    chosen, faded = np.zeros((size, count), dtype=int), np.zeros((size, count), dtype=int)
-    for k in range(count):
-        place = 5 + len(TWIST_HELD) * k
-        chosen[[place + 1, place + 2], k], faded[place + 2, k] = 1, 1
-    left = law.gains.columns(5, 6).each(lambda part: arb_mat(faded.tolist()) * part[0, 0])
+    size = 5 + len(held) + 4 + claim.added
+    # n₀, p₀, and what the law leaves of them, as an input.
+    places, force = np.zeros((size, len(held) // 2), dtype=int), np.zeros((size, 1), dtype=int)
+    force[4], weights = 1, [arb(-1), -1 / (arb(claim.motor) * arb(claim.period) ** 2)]
+    for k in range(len(held) // 2):
+        places[6 + 2 * k, k] = 1
+    left = TaylorMatrix.of([[1]]) - law.gains.columns(5, 6)
+    row = left @ TaylorMatrix.of([weights[: len(held) // 2]])
+    chosen = TaylorMatrix.of(places.tolist()) + TaylorMatrix.of(force.tolist()) @ row
     memory = TaylorMatrix.stacked([[law.integral], [law.position]])
     return (
         TaylorMatrix.stacked([*([part] for part in acting), *law.added]),
-        TaylorMatrix.of(chosen.tolist()) - left,
+        chosen,
         memory,
     )

@@ -3,7 +3,7 @@
 D = K/J and F = B/J of the joints are known, N = VᵀDV/κ − 1 and Φ = VᵀFV − β mix pairs. The law makes motors alike with
 the twist s₀ and the speed w₀′ that it knows at the sample, times σ(λ). The model, which has unlike motors too, starts
 at the estimate. Its twist is ŝ, and the true one x: N x = m + mᵋ + n₀ with m = N (ŝ − s₀), mᵋ = N (x − ŝ), n₀ = N s₀;
-of speeds the same with Φ. n₀ stays over a period. So does (1 − σ) n₀, which is another state, so that σ is in no flow.
+of speeds the same with Φ. n₀ stays over a period, and so does (1 − σ) n₀, by which the input is less: σ is in no flow.
 docs/theorem.md has the inequalities.
 """
 
@@ -24,8 +24,8 @@ from flexhinf.certify.checker.worst_forms import Linear, WorstForms, add, add_tw
 PAIR = ["z", "push", "twist", "turn"]
 MODEL = [f"model {name}" for name in PAIR]
 
-#: What a sample holds over a period: s₀, n₀ and what the law leaves of it; of unlike friction w₀′, p₀ and what is left.
-TWIST_HELD, SPEED_HELD = ["twist held", "n held", "n left"], ["speed held", "p held", "p left"]
+#: What a sample holds over a period: s₀ and n₀; of unlike friction w₀′ and p₀.
+TWIST_HELD, SPEED_HELD = ["twist held", "n held"], ["speed held", "p held"]
 
 #: Inputs: m and mᵋ, and the same of friction.
 TWIST_INPUTS, SPEED_INPUTS = ["m", "m of error"], ["friction", "friction of error"]
@@ -58,10 +58,8 @@ def add_motors(
     kappa, beta = arb(claim.motor) * h**2, arb(claim.damping) * h
     z, push, twist, turn = (forms[name] for name in MODEL)
     known, unknown, friction, more = (forms[name] for name in (*TWIST_INPUTS, *SPEED_INPUTS))
-    twist_held, n_held, n_left, speed_held, p_held, p_left = (
-        forms[name] for name in (*TWIST_HELD, *SPEED_HELD)
-    )
-    slowed = kappa * (known + n_left) + friction + p_left
+    twist_held, n_held, speed_held, p_held = (forms[name] for name in (*TWIST_HELD, *SPEED_HELD))
+    slowed = kappa * known + friction
     driven = arb(claim.input) * h**2 * forms["force"] - beta * (turn + push) - slowed
     for state, moved in ((z, push), (twist, turn), (turn, driven - kappa * twist)):
         add(forms.moved[0], state, moved)
