@@ -34,12 +34,13 @@ from flexhinf.modal.popov import (
     ChannelWeights,
     Errors,
     FilterWeights,
+    MotorWeights,
     Multipliers,
     PairStorages,
     Sector,
     worst_period,
 )
-from flexhinf.modal.sampled_pairs import SampledPairs
+from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.modal.unstable import smallest_unstable
 from flexhinf.robot import load_robot
 from flexhinf.robot.workspace import workspace_of
@@ -98,6 +99,17 @@ def filtered():
     some = replace(loop, gains=replace(loop.gains, ends=SOME))
     storages = PairStorages(some, Errors(size), tolerance.multipliers, 0.0).lifted()
     return tolerance, pair_certificate(storages, lambda done: None)
+
+
+@pytest.fixture(scope="module")
+def unlike(pairs):
+    """The same at some λ, of masses alone, with motors that differ by a tenth and in their friction."""
+    of_motors = MotorWeights(
+        (0.77, 0.0, 0.024, -0.059, 0.0026, 0.0143), (0.0033, -0.0016, -0.0044), (40.0, 18.0, 0.11), 9e-4
+    )
+    loop = replace(pairs, gains=replace(pairs.gains, ends=SOME), motors=Motors(0.1, 0.1, 0.6, 0.6))
+    storages = PairStorages(loop, Errors(Sector(0.2, 0.2)), Multipliers(0.8, motors=of_motors), 0.0).lifted()
+    return of_motors, pair_certificate(storages, lambda done: None)
 
 
 @pytest.mark.ci("searches and checks two proofs, which all tests here read")
@@ -368,10 +380,25 @@ def forged(numbers, rng):
     kinds += ["sector"] * (file["lower"] > 0.0) + ["springs"] * (file["softer"] > 0.0)
     kinds += ["multiplier", "weight"] * (file["rate_weight"] > 0.0)
     kinds += ["slope"] * (file["falling"] > 0.0) + ["filter"] * bool(file["filters"])
+    motors = file["motors"]
+    kinds += ["motors", "motor weight", "fading", "indefinite"] * bool(motors)
     kind = str(rng.choice(kinds))
     factor = float(rng.choice([0.2, 0.4, 3.0, 10.0, 1e200]))
-    if kind == "sector":
-        file["lower"], file["upper"] = min(0.999, 1.3 * file["lower"]), rng.uniform(1.3, 9.0) * file["upper"]
+    if kind == "sector":  # beside unlike motors more is true
+        least = 4.0 if motors else 1.3
+        file["lower"] = min(0.999, least * file["lower"])
+        file["upper"] = rng.uniform(least, 9.0) * file["upper"]
+    elif kind == "motors":
+        name = str(rng.choice(["slower", "faster", "less_friction", "more_friction"]))
+        motors[name] *= float(rng.uniform(3.0, 9.0)) * (100.0 if "friction" in name else 1.0)
+    elif kind == "motor weight":
+        name = str(rng.choice(["weights", "friction_weights", "skew"]))
+        size = float(rng.uniform(1e3, 1e4) if name == "skew" else rng.uniform(1e-4, 1e-2))
+        motors[name] = [size * x for x in motors[name]]
+    elif kind == "fading":
+        file["coefficients"][5] = [float(rng.choice([-1.0, 0.0, 0.5])) * x for x in file["coefficients"][5]]
+    elif kind == "indefinite":
+        motors["weights"][1] = float(rng.uniform(0.2, 9.0))
     elif (
         kind == "springs"
     ):  # beside masses and a slope three times as much is true: `popov_tolerance` finds it
@@ -395,7 +422,9 @@ def forged(numbers, rng):
         row = int(rng.choice([0, 2, 3]))
         file["coefficients"][row] = [-x for x in file["coefficients"][row]]
     elif kind == "number":
-        file[str(rng.choice(["motor", "input", "period", "multiplier"]))] *= factor
+        name = str(rng.choice(["motor", "input", "period", "multiplier"]))
+        for one in ("motor", "input") if motors and name in ("motor", "input") else (name,):
+            file[one] *= factor
     elif kind == "entry":
         first[int(rng.integers(len(first)))] += float(rng.choice([-1.0, 1.0])) * 10.0 * max(map(abs, first))
     elif kind == "sign":
@@ -411,19 +440,23 @@ def forged(numbers, rng):
 
 def damaged(numbers, rng):
     """A file with a key that is missing, or of another kind."""
-    file, name = copy.deepcopy(numbers), str(rng.choice(sorted(set(numbers) - {"observer"})))
+    whole = copy.deepcopy(numbers)
+    file = whole["motors"] if whole["motors"] and rng.random() < 0.5 else whole
+    name = str(rng.choice(sorted(set(file) - {"observer"})))
     wrong = [None, "text", [], {}, True, float("nan"), float("inf"), "1", [[1.0], [2.0, 3.0]]]
     file[name] = wrong[int(rng.integers(len(wrong)))]
     if rng.random() < 0.2 or (name, file[name]) in (
         ("filters", []),
+        ("error_filters", []),
         ("any_motion", True),
-    ):  # both are allowed
+        ("motors", None),
+    ):  # all are allowed
         del file[name]
-    return file
+    return whole
 
 
 #: Kinds of forgeries of each certificate.
-FORGED = {"found": 9, "sprung": 12, "falling": 13, "filtered": 10, "springy": 10}
+FORGED = {"found": 9, "sprung": 12, "falling": 13, "filtered": 10, "springy": 10, "unlike": 13}
 
 
 @pytest.mark.parametrize(
@@ -455,7 +488,7 @@ def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(of, count, tri
     for _ in range(tried):
         kind, file = forged(kept, rng)
         kinds.add(kind)
-        if kind == "latency":
+        if kind in ("latency", "indefinite"):
             with pytest.raises(InvalidInput, match="certificate"):
                 pair_claim(file)
         else:
