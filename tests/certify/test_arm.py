@@ -317,7 +317,7 @@ def test_what_bounds_of_gravity_rely_on_is_asked_of_a_file(found, part):
 @pytest.mark.costs("the laws of two robots")
 def test_large_motions_are_of_one_joint_whose_gravity_is_shown(found, monkeypatch):
     """A file says of them only beside an arm of one joint; an arm of two, or none, is more than the certificate."""
-    pairs = CheckedPairs(1.0, 1e9, 0.9, 9.0, 0.0, 0.0, 9.0, 9.0, 0.0, True, 0.0, 0.0, 1)
+    pairs = CheckedPairs(1.0, 1e9, 0.9, 9.0, 0.0, 0.0, 9.0, 9.0, 0.0, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
     monkeypatch.setattr(proof, "pair_claim", lambda numbers: SimpleNamespace())
     monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
     arm = found["planar-two-link"].arm

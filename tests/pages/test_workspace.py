@@ -213,7 +213,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
     low, high, setup = 70.0, design.setup.law.gains.ends[1], design.setup
     stable, some = (
         ProvedRange(low, high, 3),
-        CheckedPairs(low, high, 0.2, 0.25, 0.15, 0.12, 0.0, 0.0, 0.0, False, 0.0, 0.0, 9),
+        CheckedPairs(low, high, 0.2, 0.25, 0.15, 0.12, 0.0, 0.0, 0.0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9),
     )
     far = UnstableError(-0.4, (100.0,), 0.0, 1.0)
     needed, more, stiffer = (

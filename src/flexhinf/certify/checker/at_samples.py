@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from flint import arb, arb_series
 
-from flexhinf.certify.checker.motor_errors import held_names
+from flexhinf.certify.checker.motor_errors import sampled_names
 from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
 
@@ -89,20 +89,20 @@ def sampled_with_motors(
     The law makes motors alike by the state that it acts on: the estimate, or with a latency the prediction.
     """
     assert claim.motors is not None
-    law, held = LawAtSample(claim, centre, half), held_names(claim.motors)
+    law, names = LawAtSample(claim, centre, half), sampled_names(claim.motors)
     known, integral = (law.predicted, law.total) if claim.latency else (law.estimate, law.integral)
     speed = known.rows(1, 2) + known.rows(3, 4)
     nothing = TaylorMatrix.of([[0] * claim.states])
-    begun = [known.rows(2, 3), nothing, speed, nothing][: len(held)]
+    begun = [known.rows(2, 3), nothing, speed, nothing][: len(names)]
     acting = [law.state, law.force(known, integral), *begun, law.estimate]
-    size = 5 + len(held) + 4 + claim.added
+    size = 5 + len(names) + 4 + claim.added
     # n₀, p₀, and what the law leaves of them, as an input.
-    places, force = np.zeros((size, len(held) // 2), dtype=int), np.zeros((size, 1), dtype=int)
+    places, force = np.zeros((size, len(names) // 2), dtype=int), np.zeros((size, 1), dtype=int)
     force[4], weights = 1, [arb(-1), -1 / (arb(claim.motor) * arb(claim.period) ** 2)]
-    for k in range(len(held) // 2):
+    for k in range(len(names) // 2):
         places[6 + 2 * k, k] = 1
     left = TaylorMatrix.of([[1]]) - law.gains.columns(5, 6)
-    row = left @ TaylorMatrix.of([weights[: len(held) // 2]])
+    row = left @ TaylorMatrix.of([weights[: len(names) // 2]])
     chosen = TaylorMatrix.of(places.tolist()) + TaylorMatrix.of(force.tolist()) @ row
     memory = TaylorMatrix.stacked([[law.integral], [law.position]])
     return (

@@ -25,7 +25,7 @@ PAIR = ["z", "push", "twist", "turn"]
 MODEL = [f"model {name}" for name in PAIR]
 
 #: What a sample holds over a period: s₀ and n₀; of unlike friction w₀′ and p₀.
-TWIST_HELD, SPEED_HELD = ["twist held", "n held"], ["speed held", "p held"]
+TWIST_SAMPLED, SPEED_SAMPLED = ["twist at sample", "n at sample"], ["speed at sample", "p at sample"]
 
 #: Inputs: m and mᵋ, and the same of friction.
 TWIST_INPUTS, SPEED_INPUTS = ["m", "m of error"], ["friction", "friction of error"]
@@ -34,9 +34,9 @@ TWIST_INPUTS, SPEED_INPUTS = ["m", "m of error"], ["friction", "friction of erro
 FILTERED = "n", "m"
 
 
-def held_names(motors: MotorsClaim) -> list[str]:
+def sampled_names(motors: MotorsClaim) -> list[str]:
     """States that stay over a period."""
-    return [*TWIST_HELD, *(SPEED_HELD if motors.with_friction else [])]
+    return [*TWIST_SAMPLED, *(SPEED_SAMPLED if motors.with_friction else [])]
 
 
 def filter_names(motors: MotorsClaim) -> list[str]:
@@ -58,14 +58,16 @@ def add_motors(
     kappa, beta = arb(claim.motor) * h**2, arb(claim.damping) * h
     z, push, twist, turn = (forms[name] for name in MODEL)
     known, unknown, friction, more = (forms[name] for name in (*TWIST_INPUTS, *SPEED_INPUTS))
-    twist_held, n_held, speed_held, p_held = (forms[name] for name in (*TWIST_HELD, *SPEED_HELD))
+    twist_sampled, n_sampled, speed_sampled, p_sampled = (
+        forms[name] for name in (*TWIST_SAMPLED, *SPEED_SAMPLED)
+    )
     slowed = kappa * known + friction
     driven = arb(claim.input) * h**2 * forms["force"] - beta * (turn + push) - slowed
     for state, moved in ((z, push), (twist, turn), (turn, driven - kappa * twist)):
         add(forms.moved[0], state, moved)
     add(forms.moved[1], push - turn, twist)
-    unforeseen, whole = stretched - twist, known + unknown + n_held
-    parts = (twist - twist_held, known), (unforeseen, unknown), (twist_held, n_held)
+    unforeseen, whole = stretched - twist, known + unknown + n_sampled
+    parts = (twist - twist_sampled, known), (unforeseen, unknown), (twist_sampled, n_sampled)
     _add_parts(forms, motors, parts)
     add_twice(forms.gained[0], arb(motors.multiplier) * whole, rate)
     for signal, answer, name, filters in (
@@ -77,7 +79,7 @@ def add_motors(
     if motors.with_friction:
         ends, speed = (arb(motors.less_friction) * h, arb(motors.more_friction) * h), turn + push
         own = forms["turn"] + forms["push"]
-        parts = (friction, speed - speed_held), (more, own - speed), (p_held, speed_held)
+        parts = (friction, speed - speed_sampled), (more, own - speed), (p_sampled, speed_sampled)
         for weight, (error, signal) in zip(motors.friction_weights.tolist(), parts):
             forms.sector(arb(weight), error, signal, ends)
     return slowed + kappa * unknown + more

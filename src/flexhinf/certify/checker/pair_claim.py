@@ -315,7 +315,7 @@ def _check_beside_motors(claim: PairClaim) -> None:
         ("a latency of more than one sample", claim.latency <= 1),
         ("an inner loop", claim.holding == 0.0 and claim.motor == claim.input),
     )
-    others = [name for name, holds in treated if not holds]
+    others = [name for name, is_so in treated if not is_so]
     refuse_if(
         bool(others),
         "The certificate of a workspace has unlike motors beside what their proof does not treat.",

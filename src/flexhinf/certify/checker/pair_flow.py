@@ -17,19 +17,19 @@ from flint import arb, arb_mat
 from flexhinf.certify.checker.motor_errors import (
     MODEL,
     PAIR,
-    SPEED_HELD,
-    TWIST_HELD,
+    SPEED_SAMPLED,
+    TWIST_SAMPLED,
     add_motors,
     filter_names,
-    held_names,
     input_names,
+    sampled_names,
 )
 from flexhinf.certify.checker.pair_claim import PairClaim
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
 from flexhinf.certify.checker.worst_forms import Linear, WorstForms, add, add_twice
 
 #: States that grow with a rate: what others are, they are of the signals that grow.
-GROWING = [*PAIR, "force", *TWIST_HELD, *SPEED_HELD, *MODEL]
+GROWING = [*PAIR, "force", *TWIST_SAMPLED, *SPEED_SAMPLED, *MODEL]
 
 
 class Flow(NamedTuple):
@@ -58,7 +58,7 @@ def flow_states(claim: PairClaim) -> list[str]:
     return [
         *PAIR,
         "force",
-        *(held_names(motors) + MODEL if motors else []),
+        *(sampled_names(motors) + MODEL if motors else []),
         *filters,
         *(filter_names(motors) if motors else []),
         *(name for name, is_there in there if is_there),
