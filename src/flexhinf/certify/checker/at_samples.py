@@ -105,8 +105,4 @@ def sampled_with_motors(
     row = left @ TaylorMatrix.of([weights[: len(names) // 2]])
     chosen = TaylorMatrix.of(places.tolist()) + TaylorMatrix.of(force.tolist()) @ row
     memory = TaylorMatrix.stacked([[law.integral], [law.position]])
-    return (
-        TaylorMatrix.stacked([*([part] for part in acting), *law.added]),
-        chosen,
-        memory,
-    )
+    return TaylorMatrix.stacked([*([part] for part in acting), *law.added]), chosen, memory

@@ -35,7 +35,7 @@ GROWING = [*PAIR, "force", *TWIST_SAMPLED, *SPEED_SAMPLED, *MODEL]
 class Flow(NamedTuple):
     """What errors do to a pair within a period, in periods."""
 
-    hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f), what errors add, and its costate
+    hamiltonian: TaylorMatrix  # of (z, z′, s, s′, f), what errors and unlike motors add, and its costate
     shift: TaylorMatrix  # S, which is added to V
 
 
@@ -116,19 +116,26 @@ class PairForms(WorstForms):
             add(self.shift[0], tau * kappa * stretched, stretched)
             add(self.shift[1], tau * felt, felt)
         self._input(felt, -kappa * turn if claim.springs_alone else none, push - turn)
+        self._channels(r, o, heavy)
+
+    def _channels(self, r: Linear, o: Linear, heavy: arb) -> None:
+        """Errors that are states, by the rates of s and z; gravity's slope is of heavier links in large motions."""
+        claim, h = self._claim, arb(self._claim.period)
+        z, _, twist, turn = (self[name] for name in PAIR)
         if claim.with_springs:
             sector = arb(claim.softer), arb(claim.stiffer)
             weights = claim.spring_multiplier, claim.twist_weight, claim.rate_weight, claim.lift
-            self._channel(Channel(error, twist, v, r, sector, _balls(*weights)))
+            self._channel(Channel(self["e"], twist, self["v"], r, sector, _balls(*weights)))
         if claim.with_slope:
             sector = arb(claim.falling) * heavy, arb(claim.holding_up) * heavy
             weights = claim.slope_multiplier, claim.place_weight, claim.slope_rate_weight, claim.slope_lift
-            self._channel(Channel(fall, z, q, o, sector, _balls(*weights)))
+            self._channel(Channel(self["p"], z, self["q"], o, sector, _balls(*weights)))
         if claim.with_damping:
             # 0 ≤ b (β s′ − b), and of rates ḃ (the rate of s′) ≥ 0, which the drive holds
             weights = 0.0, claim.damping_weight, claim.damping_rate_weight, claim.damping_lift
             sector = arb(0), arb(claim.spring_damping) / h
-            self._channel(Channel(damper, turn, damper_rate, none, sector, _balls(*weights)))
+            damper, rate = self["b"], self["rate of b"]
+            self._channel(Channel(damper, turn, rate, self.none, sector, _balls(*weights)))
 
     def _input(self, felt: Linear, still: Linear, grown: Linear) -> None:
         """What errors of masses do, or of springs alone, and what they gain through filters: in periods d/√λ enters
