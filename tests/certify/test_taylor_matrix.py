@@ -100,3 +100,18 @@ def test_the_exponential_of_a_matrix_is_enclosed_and_narrowly(size):
         for entry, exact in zip(found.entries(), (angle.cos(), -angle.sin(), angle.sin(), angle.cos())):
             assert entry.contains(exact)
             assert entry.rad() < 1e-20
+
+
+def test_what_is_large_beside_what_turns_takes_no_squares():
+    """What nothing drives, and what drives nothing, is scaled alone: a large entry there costs no bits of others."""
+    rng = np.random.default_rng(6)
+    middle = np.zeros((6, 6))
+    middle[1:5, 1:5] = rng.uniform(-0.3, 0.3, (4, 4))
+    middle[1:5, 5], middle[0, 1:5], middle[0, 5] = 3e3, 7e4, 5e5  # 5 drives all, and all drive 0
+    with ctx.workprec(106):
+        found = TaylorMatrix.of(middle.tolist()).exponential().range
+        exact = arb_mat(middle.tolist())
+    with ctx.workprec(400):
+        assert all(e.contains(x) for e, x in zip(found.entries(), exact.exp().entries()))
+    turned = arb_mat([row[1:5] for row in found.tolist()[1:5]])
+    assert max(float(e.rad()) for e in turned.entries()) < 1e-29

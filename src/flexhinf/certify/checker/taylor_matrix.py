@@ -24,6 +24,9 @@ TERMS, POWERS = (8, 7), 32
 #: Largest entry of a matrix that has an exponential here.
 LARGEST = 1e6
 
+#: Size of a row or a column that its coordinate alone can make smaller.
+SLIGHT = 0.125
+
 #: What is raised where an enclosure does not exist.
 NO_ENCLOSURE = ZeroDivisionError, OverflowError, ValueError, np.linalg.LinAlgError
 
@@ -190,7 +193,7 @@ class TaylorMatrix:
         middle = np.array([[float(e.mid()) for e in row] for row in self.constant.tolist()])
         if not np.abs(middle).max() < LARGEST:
             raise ZeroDivisionError("a matrix whose exponential has no use")
-        _, (scale, _) = matrix_balance(middle, permute=False, separate=True)
+        scale = _balanced(middle)
         own = self._scaled(scale)
         size = frobenius(own.range.entries())
         squares = max(0, int(np.ceil(np.log2(max(1.0, float(size.abs_upper()))))))
@@ -254,6 +257,19 @@ def positive_definite(matrix: arb_mat) -> bool:
     return all(
         row[i] > sum((abs(e) for j, e in enumerate(row) if j != i), arb(0)) for i, row in enumerate(turned)
     )
+
+
+def _balanced(matrix: np.ndarray) -> np.ndarray:
+    """Powers of two that make a matrix small by `TaylorMatrix._scaled`: rows as large as columns, and what no other
+    coordinate drives, or what drives none, as small as is of use, since balance leaves these as they are."""
+    _, (scale, _) = matrix_balance(matrix, permute=False, separate=True)
+    for alone, sign in ((0, -1.0), (1, 1.0)):
+        sizes = np.abs(matrix) * scale / scale[:, None]
+        np.fill_diagonal(sizes, 0.0)
+        largest = np.sqrt((sizes**2).sum(axis=alone))
+        free = (sizes.sum(axis=1 - alone) == 0.0) & (largest > SLIGHT)
+        scale[free] *= 2.0 ** (sign * np.ceil(np.log2(largest[free] / SLIGHT)))
+    return scale
 
 
 def _filled(like: arb_mat, entry: arb) -> arb_mat:
