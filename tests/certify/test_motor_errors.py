@@ -17,7 +17,7 @@ from flexhinf.certify.checker import moves, pairs as checker
 from flexhinf.certify.checker.pair_claim import PairClaim, pair_claim
 from flexhinf.certify.checker.pair_flow import PairForms
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
-from flexhinf.certify.checker.worst_forms import add
+from flexhinf.certify.checker.worst_forms import WorstForms, add
 from flexhinf.design.workspace.pair_proof import Numbers, claim_numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
@@ -339,6 +339,26 @@ def test_a_ball_about_zero_is_kept_in_a_form():
     left[0], right[1] = arb(0, 1), arb(1)
     add(form, left, right)
     assert [entry.contains(1) for entry in form.ravel().tolist()] == [False, True, False, False]
+
+
+def test_factors_of_inputs_that_are_not_completed_to_squares_are_refused():
+    """They would be left out, and less would be gained than errors can."""
+    for name, place, first, second in (
+        ("gained", 1, "v", "v"),
+        ("gained", 2, "v", "z"),
+        ("moved", 1, "z", "v"),
+        ("moved", 0, "v", "z"),
+        ("shift", 0, "v", "v"),
+    ):
+        forms = WorstForms(["z"], ["v"], ["none"])
+        add(forms.gained[0], arb(-1) * forms["v"], forms["v"])
+        assert forms.completed().moved[0].nrows() == 1
+        add(getattr(forms, name)[place], forms[first], forms[second])
+        with pytest.raises(ValueError, match="other factors"):
+            forms.completed()
+    assert not forms["none"].any()
+    with pytest.raises(KeyError):
+        forms["nothing"]
 
 
 def test_what_is_chosen_at_a_sample_must_not_gain_without_bound():

@@ -17,6 +17,7 @@ from flint import arb, arb_mat
 from flexhinf.certify.checker.motor_errors import (
     MODEL,
     PAIR,
+    SPEED_INPUTS,
     SPEED_SAMPLED,
     TWIST_SAMPLED,
     add_motors,
@@ -30,6 +31,10 @@ from flexhinf.certify.checker.worst_forms import Linear, WorstForms, add, add_tw
 
 #: States that grow with a rate: what others are, they are of the signals that grow.
 GROWING = [*PAIR, "force", *TWIST_SAMPLED, *SPEED_SAMPLED, *MODEL]
+
+
+#: States and inputs that only some pairs have.
+SOMETIMES = ["e", "p", "b", "v", "q", "rate of b", *TWIST_SAMPLED, *SPEED_SAMPLED, *SPEED_INPUTS, *MODEL]
 
 
 class Flow(NamedTuple):
@@ -71,7 +76,8 @@ class PairForms(WorstForms):
     def __init__(self, claim: PairClaim) -> None:
         there = ("v", claim.with_springs), ("q", claim.with_slope), ("rate of b", claim.with_damping)
         inputs = [name for name, is_there in there if is_there]
-        super().__init__(flow_states(claim), [*inputs, *(input_names(claim.motors) if claim.motors else [])])
+        inputs += input_names(claim.motors) if claim.motors else []
+        super().__init__(flow_states(claim), inputs, SOMETIMES)
         self._claim = claim
         # Of what errors gain and of S a factor of 1/(λh²), or of 1/(λh² + κh²) where springs alone have errors.
         self.shared_gained, self.shared_shift = (np.zeros_like(self.shift[0]) for _ in range(2))

@@ -30,19 +30,21 @@ class Completed(NamedTuple):
 
 
 class WorstForms:
-    """The rates of states, how errors enter, what they gain, and S, by the names of states and inputs."""
+    """The rates of states, how errors enter, what they gain, and S, by the names of states and inputs; what a pair does
+    not have counts as 0."""
 
-    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
+    def __init__(self, states: Sequence[str], inputs: Sequence[str], others: Iterable[str] = ()) -> None:
         self._count, size = len(states), len(states) + len(inputs)
-        self._units = dict(zip((*states, *inputs), np.eye(size, dtype=int).astype(object)))
         self.none: Linear = np.zeros(size, dtype=int).astype(object)
+        own = dict(zip((*states, *inputs), np.eye(size, dtype=int).astype(object)))
+        self._units = {**dict.fromkeys(others, self.none), **own}
         self.moved, self.entry, self.gained, self.shift = (
             [np.full((size, size), arb(0), dtype=object) for _ in range(3)] for _ in range(4)
         )
 
     def __getitem__(self, name: str) -> Linear:
-        """A state or an input; 0 where there is none of this name."""
-        return self._units.get(name, self.none)
+        """A state or an input."""
+        return self._units[name]
 
     def sector(self, weight: arb, error: Linear, signal: Linear, ends: tuple[arb, arb]) -> None:
         """What an error within a sector of a signal gains."""
@@ -68,8 +70,13 @@ class WorstForms:
         return _entries(part[: self._count, : self._count])
 
     def completed(self) -> Completed:
-        """With squares of the inputs completed; ZeroDivisionError where their weight is not shown to be positive."""
+        """With squares of the inputs completed; ZeroDivisionError where their weight is not shown to be positive, and
+        ValueError where inputs have other factors than those of which squares are completed here."""
         n = self._count
+        left = [self.gained[2][n:], *(part[:, n:] for part in (*self.moved[1:], *self.shift))]
+        left += [*(part[n:, n:] for part in self.gained[1:]), *(part[n:] for part in self.moved)]
+        if not all(_is_zero(entry) for part in left for entry in part.ravel().tolist()):
+            raise ValueError("inputs of the worst with other factors")
         moved, entry, gained = (
             [self.of_states(part) for part in parts] for parts in (self.moved, self.entry, self.gained)
         )
