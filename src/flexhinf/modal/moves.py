@@ -87,6 +87,7 @@ class Moves(NamedTuple):
 
 def free_loop(pairs: SampledPairs, link: float) -> np.ndarray:
     """A (n, n) of a pair without errors; the states of `SampledPairs.memory`."""
+    pairs = pairs.alike
     acting, memory = pairs.memory(link)
     return np.vstack([expm(pairs.model(link))[:4] @ acting, memory])
 

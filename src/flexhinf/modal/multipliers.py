@@ -66,10 +66,11 @@ def popov_tolerance(
     pairs: SampledPairs, shape: Errors = SYMMETRIC, count: int = 25, fixed: Errors = NONE
 ) -> PopovTolerance:
     """The largest multiple of some errors that multipliers cover at `count` λ, at all frequencies, beside errors of a
-    fixed size; computed.
+    fixed size, if motors were alike; computed.
 
     No Δ and no E reach −1, where links are infinitely heavy or springs have no stiffness.
     """
+    pairs = pairs.alike
     search, starts = _Largest(pairs, shape, count, fixed), list(_starts(pairs, shape, fixed))
     best, place = _best(search, starts)
     if place is None and any(fixed.channels):
@@ -279,7 +280,7 @@ def _response(pairs: SampledPairs, link: float, of_springs: bool) -> np.ndarray:
 def small_gain_tolerance(pairs: SampledPairs, shape: Errors = SYMMETRIC, count: int = 25) -> Errors:
     """The largest multiple of errors of masses that is covered without a multiplier; computed at `count` λ. For a
     sector of one size this is small gain: errors may change with time, and need not be symmetric."""
-    search = _Largest(pairs, shape, count, NONE)
+    search = _Largest(pairs.alike, shape, count, NONE)
     return search.errors(search.share(Multipliers(0.0), 0.0))
 
 

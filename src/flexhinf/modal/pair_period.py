@@ -77,7 +77,10 @@ def worst_period(
         flow = _late(hamiltonian, pairs.late, rate * h)
         shift = np.insert(np.insert(shift, 4, 0.0, 0), 4, 0.0, 1)
     else:
-        flow = expm(hamiltonian)
+        with np.errstate(over="ignore", invalid="ignore"):
+            flow = expm(hamiltonian)
+        if not np.isfinite(flow).all():
+            return WorstPeriod.unbounded(states)
     (a, b), (c, d) = (np.hsplit(part, 2) for part in np.vsplit(flow, 2))
     end = shift @ b + d
     inverse = np.linalg.inv(end)

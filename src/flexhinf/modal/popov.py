@@ -66,7 +66,9 @@ __all__ = [
     "Storages",
     "WorstPeriod",
     "gain_peak",
+    "gains_at",
     "near_modes",
+    "seen_frequencies",
     "storages",
     "worst_period",
 ]
@@ -89,18 +91,27 @@ def gain_peak(worst: WorstPeriod) -> float:
     """Largest eigenvalue over frequencies of Q seen through the loop from W^½; below 1, P exists if the loop without
     errors is stable. Computed on a grid that is fine where modes are; infinite where errors gain without bound within a
     period: W, which grows from 0, has then passed infinity."""
-    modes, n = np.linalg.eigvals(worst.a), len(worst.a)
-    places = np.flatnonzero(worst.w.any(axis=0))
+    return float(gains_at(worst, seen_frequencies(worst)).max())
+
+
+def seen_frequencies(worst: WorstPeriod) -> np.ndarray:
+    """Frequencies from 0 to half that of the samples, rad a period, dense where modes are; (f,), ascending."""
+    return np.unique(np.r_[near_modes(np.linalg.eigvals(worst.a)), np.geomspace(1e-4, np.pi, 40)])
+
+
+def gains_at(worst: WorstPeriod, frequencies: np.ndarray) -> np.ndarray:
+    """The largest eigenvalue at each frequency, (f,), as of `gain_peak`."""
+    n, places = len(worst.a), np.flatnonzero(worst.w.any(axis=0))
     values, vectors = np.linalg.eigh(worst.w[np.ix_(places, places)])
     if values[0] < -1e-9 * np.abs(values).max():
-        return np.inf
-    z = np.exp(1j * np.unique(np.r_[near_modes(modes), np.geomspace(1e-4, np.pi, 40)]))
+        return np.full(len(frequencies), np.inf)
+    z = np.exp(1j * frequencies)
     entry = np.zeros((n, len(places)))
     entry[places] = vectors * np.sqrt(np.maximum(values, 0.0))
     inner = np.linalg.solve(
         z[:, None, None] * np.eye(n) - worst.a, np.broadcast_to(entry, (len(z), *entry.shape))
     )
-    return float(np.linalg.eigvalsh(inner.conj().transpose(0, 2, 1) @ worst.q @ inner)[:, -1].max())
+    return np.linalg.eigvalsh(inner.conj().transpose(0, 2, 1) @ worst.q @ inner)[:, -1]
 
 
 def near_modes(modes: np.ndarray) -> np.ndarray:

@@ -17,8 +17,9 @@ from flexhinf.certify.checker.pair_claim import (
     pair_claim,
 )
 from flexhinf.certify.checker.pairs import Box, box_proved, regular_at_first
+from flexhinf.modal.motor_multipliers import motor_tolerance
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
-from flexhinf.modal.popov import NONE, Errors, MotorWeights, PairStorages, Storages
+from flexhinf.modal.popov import NONE, Errors, MotorWeights, PairStorages, Sector, Storages
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
@@ -36,6 +37,9 @@ HALVES, FINEST, UNDIVIDED, DIVIDED = 2, 1.0 / 64.0, 2, 0.07
 
 #: Shares of a tolerance that are tried in turn, and with errors of springs; of the slowest decay, tried as a rate.
 SHARES, SPRUNG, RATES = (0.97, 0.9, 0.7), (0.9, 0.7), (0.005, 0.0)
+
+#: Errors of masses that stand beside those of springs alone with unlike motors, as a share of these.
+FEW = 1e-3
 
 #: Factors of a length after a success and after a failure.
 LONGER, SHORTER = 1.2, 0.7
@@ -167,8 +171,15 @@ def largest_certificate(
 
     `whole`: where the computed tolerance holds all of the shape, one proof is tried, of all of it or more.
     """
-    progress(f"errors of {fixed.and_share(1.0, shape).names} that are tolerated, computed")
+    if pairs.motors is not None and fixed.and_share(1.0, shape).of_springs_alone:
+        # with unlike motors errors of springs are a state, as beside others
+        shape = shape._replace(masses=Sector(*(FEW * one for one in shape.springs)))
+    names = fixed.and_share(1.0, shape).names
+    progress(f"errors of {names} that are tolerated, computed")
     tolerance = popov_tolerance(pairs, shape, fixed=fixed)
+    if pairs.motors is not None and tolerance.share > 0.0:
+        progress(f"errors of {names} that are tolerated with unlike motors, computed")
+        tolerance = motor_tolerance(pairs, tolerance, shape, fixed)
     slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
     shares = SPRUNG if tolerance.errors.states(tolerance.multipliers)[0] else SHARES
     parts = [share * tolerance.share for share in shares if tolerance.share > 0.0]
