@@ -82,7 +82,7 @@ def robots():
         robot = ROBOTS[name].robot()
         law, _ = masses.pairs_of(robot)
         setup = WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
-        pairs = sampled_pairs(setup)
+        pairs = sampled_pairs(setup).alike
         shown, loop = everywhere(setup, WIDE, pairs.gains.ends), pair_numbers(pairs)
         assert shown is not None
         made[name] = setup, loop, shown.arm, proved_moves(setup, pairs, loop, shown.arm)

@@ -276,8 +276,11 @@ def proof_text(proof: WorkspaceProof) -> str:
 
 def _if_alike(proof: WorkspaceProof) -> str:
     """The condition on motors that no proof is without: none where they are alike."""
-    apart = proof.motors_apart
-    return f", if motors were alike (their K/J differs by {number(100.0 * apart, 2)} %)," if apart else ""
+    differ = [
+        f"{name} differs by {number(100.0 * apart, 2)} %" if np.isfinite(apart) else f"{name} differs"
+        for name, apart in proof.unlike_motors.items()
+    ]
+    return f", if motors were alike (their {', '.join(differ)})," if differ else ""
 
 
 def _motors_text(proof: WorkspaceProof) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -31,13 +31,16 @@ from flexhinf.modal import ProvedRange, proved_range
 from flexhinf.modal.law import modes
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
 from flexhinf.modal.popov import EXACT, NONE, SYMMETRIC, Errors, Sector
-from flexhinf.modal.sampled_pairs import SampledPairs
+from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.modal.unstable import UnstableError, smallest_unstable
 from flexhinf.robot import Robot
 from flexhinf.robot.file_keys import is_dict
 
 #: λ at which a report computes a tolerance.
 REPORTED = 12
+
+#: By what share numbers of motors differ that are still alike.
+ALIKE = 1e-9
 
 #: Poses, and their seed, at which it is judged whether all vibrations are in a range that other poses have chosen.
 RANGE_POSES, RANGE_SEED = 2000, 5
@@ -112,14 +115,23 @@ class WorkspaceProof(NamedTuple):
 
     @property
     def motors_apart(self) -> float:
-        """By what share the acceleration K/J of a motor per twist differs from joint to joint; 0 where it is the same.
+        """By what share a number of motors differs from joint to joint, beyond what is proved: the accelerations of
+        `unlike_motors`. 0 where nothing does, or where the proof is of unlike motors.
 
-        The theorem takes motors as alike. The law makes unlike ones so for slow vibrations only: see `ModalLaw`.
+        Otherwise the theorem takes motors as alike. The law makes unlike ones so for slow vibrations only: `ModalLaw`.
         """
-        joints = self.setup.law.joints
-        ratio = joints.stiffness / joints.motor_inertia
-        apart = float(ratio.max() / ratio.min() - 1.0)
-        return apart if apart > 1e-9 else 0.0
+        return max(self.unlike_motors.values(), default=0.0)
+
+    @property
+    def unlike_motors(self) -> dict[str, float]:
+        """The same of each number that differs: of K/J per twist, B/J per speed, and of a drive's stiffness over J."""
+        checked = self.checked
+        held = (
+            ()
+            if checked is None
+            else (checked.slower, checked.faster, checked.less_friction, checked.more_friction)
+        )
+        return {} if any(held) else motors_apart(self.setup)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -145,10 +157,45 @@ class WorkspaceProof(NamedTuple):
 
 
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
-    """The pairs of a setup, with its latency, its estimator and its unknown delay, if that is at most a sample."""
+    """The pairs of a setup, with its latency, its estimator, its unknown delay, if that is at most a sample, and its
+    unlike motors, where a proof may hold these."""
     s = setup.specification
     delay = float(s.unknown_samples) if s.unknown_samples <= 1 else 0.0
-    return SampledPairs(setup.gains, s.known_latency, modal_filter(setup), delay)
+    pairs = SampledPairs(setup.gains, s.known_latency, modal_filter(setup), delay)
+    if s.unknown_samples or s.known_latency > 1 or setup.law.joints.inner or not motors_apart(setup):
+        return pairs
+    return replace(pairs, motors=unlike_motors(setup))
+
+
+def unlike_motors(setup: WorkspaceSetup) -> Motors:
+    """How far motors are from alike, in sectors that hold all joints, of torque drives."""
+    joints, gains = setup.law.joints, setup.gains
+    twists = joints.stiffness / joints.motor_inertia / gains.motor - 1.0
+    speeds = joints.motor_damping / joints.motor_inertia - gains.damping
+    return Motors(*(_beyond_zero(end) for end in (-twists.min(), twists.max(), -speeds.min(), speeds.max())))
+
+
+def _beyond_zero(end: float) -> float:
+    """An end of a sector that is at least 0, a little farther than computed."""
+    return max(0.0, float(end)) * (1.0 + ALIKE)
+
+
+def motors_apart(setup: WorkspaceSetup) -> dict[str, float]:
+    """By what share the largest of some numbers of motors exceeds the smallest one, where they differ from joint to
+    joint: the accelerations per twist K/J, with the share of the load that moves a motor, and per speed B/J, and the
+    stiffness of a drive over J. It is infinite where the smallest is 0."""
+    joints = setup.law.joints
+    numbers = {
+        "K/J": joints.load_share * joints.stiffness,
+        "B/J": joints.motor_damping,
+        "drive stiffness/J": joints.drive_stiffness,
+    }
+    apart = dict[str, float]()
+    for name, one in numbers.items():
+        low, high = (float(end) for end in np.quantile(one / joints.motor_inertia, (0.0, 1.0)))
+        if high - low > ALIKE * max(high, -low):
+            apart[name] = high / low - 1.0 if low > 0.0 else float("inf")
+    return apart
 
 
 def check_unknown_delay(s: Specification) -> None:
@@ -192,12 +239,25 @@ def prove_workspace(
 ) -> WorkspaceProof:
     """The proof of symmetric errors of masses, beside the file's errors of springs; where these do not hold the file's,
     of masses in its proportion, or of all that it states; where nothing is proved, of masses alone. Gravity's slope and
-    damped springs are in it where the file's errors are proved beside them.
+    damped springs are in it where the file's errors are proved beside them. With unlike motors it is of all that the
+    file states; where nothing is proved so, as if motors were alike.
 
     `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
     """
     check_unknown_delay(setup.specification)
     pairs, stated = sampled_pairs(setup), file_errors(setup)
+    kept = None
+    if pairs.motors is not None:
+        kept = _largest_proof(pairs, stated, progress)
+    if kept is None or kept.checked is None:
+        kept = _largest_proof(pairs.alike, stated, progress)
+    return with_others(setup, kept, progress, loaded)
+
+
+def _largest_proof(
+    pairs: SampledPairs, stated: StatedErrors, progress: Callable[[str], None]
+) -> CertifiedErrors:
+    """The proof of what is stated, or of what is left of it in turn."""
     kept = None
     for one in stated.variants:
         found = _proved(pairs, one, progress)
@@ -212,12 +272,16 @@ def prove_workspace(
         if kept.are_tolerances_proved:
             break
     assert kept is not None
-    return with_others(setup, kept, progress, loaded)
+    return kept
 
 
 def _proved(pairs: SampledPairs, stated: StatedErrors, progress: Callable[[str], None]) -> CertifiedErrors:
     """The proof of what is stated, as of `prove_workspace`."""
     whole, beside = stated.parts
+    if pairs.motors is not None:
+        shape = whole if whole.largest else SYMMETRIC
+        found = largest_certificate(pairs, shape, progress, beside, whole=whole.largest > 0.0)
+        return CertifiedErrors(stated, *found)
     masses, springs = Errors(stated.errors.masses), stated.errors._replace(masses=EXACT)
     shapes = [(SYMMETRIC, springs)]
     if min(masses.masses) < max(masses.masses):
@@ -245,7 +309,7 @@ def with_others(
 ) -> WorkspaceProof:
     """The proof with what stands beside the errors that were found; parameters as of `prove_workspace`."""
     progress("smallest error that destabilises")
-    pairs, several, springs = sampled_pairs(setup), len(setup.joints) > 1, found.stated.errors.springs
+    pairs, several, springs = sampled_pairs(setup).alike, len(setup.joints) > 1, found.stated.errors.springs
     pairs = pairs.late_by(pairs.delay)
     unstable = smallest_unstable(pairs, mixed=several)
     proof = WorkspaceProof(
