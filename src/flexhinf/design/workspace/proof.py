@@ -39,8 +39,8 @@ from flexhinf.robot.file_keys import is_dict
 #: λ at which a report computes a tolerance.
 REPORTED = 12
 
-#: By what share numbers of motors differ that are still alike.
-ALIKE = 1e-9
+#: By what share numbers of motors differ that are still alike, and by what share doubles may round them.
+ALIKE, ROUNDED = 1e-9, 1e-12
 
 #: Poses, and their seed, at which it is judged whether all vibrations are in a range that other poses have chosen.
 RANGE_POSES, RANGE_SEED = 2000, 5
@@ -169,15 +169,15 @@ def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
 
 def unlike_motors(setup: WorkspaceSetup) -> Motors:
     """How far motors are from alike, in sectors that hold all joints, of torque drives."""
-    joints, gains = setup.law.joints, setup.gains
+    joints, gains, apart = setup.law.joints, setup.gains, motors_apart(setup)
     twists = joints.stiffness / joints.motor_inertia / gains.motor - 1.0
     speeds = joints.motor_damping / joints.motor_inertia - gains.damping
-    return Motors(*(_beyond_zero(end) for end in (-twists.min(), twists.max(), -speeds.min(), speeds.max())))
-
-
-def _beyond_zero(end: float) -> float:
-    """An end of a sector that is at least 0, a little farther than computed."""
-    return max(0.0, float(end)) * (1.0 + ALIKE)
+    sectors = [
+        max(0.0, float(end)) * (1.0 + ALIKE) + ROUNDED * scale if name in apart else 0.0
+        for name, own, scale in (("K/J", twists, 1.0), ("B/J", speeds, gains.damping))
+        for end in (-own.min(), own.max())
+    ]
+    return Motors(*sectors)
 
 
 def motors_apart(setup: WorkspaceSetup) -> dict[str, float]:
