@@ -54,9 +54,11 @@ def game(
         FILTERS[:1] if filters else (),
         FILTERS if filters else (),
     )
-    weights = ChannelWeights(0.3, 0.1, 50.0, 0.7), ChannelWeights(0.2, 0.3, 0.4, 0.1)
+    foreseen = slope != EXACT and loop.predicts
+    weights = ChannelWeights(0.3, 0.1, 50.0, 0.7), ChannelWeights(0.2, 0.3, 0.4, 0.1, 0.17 * foreseen)
     damped = ChannelWeights(0.0, 0.4, 15.0 if damping else 0.0, 0.2)
-    multipliers = Multipliers(20.0, *weights, damped, FILTERS[:1] if filters else (), of_motors)
+    high = (FilterWeights(0.4, 0.23, 0.05),) * foreseen
+    multipliers = Multipliers(20.0, *weights, damped, FILTERS[:1] if filters else (), of_motors, high)
     return PairStorages(loop, Errors(Sector(0.3, 0.5), springs, slope, damping), multipliers, 0.4)
 
 
@@ -346,7 +348,7 @@ def test_factors_of_inputs_that_are_not_completed_to_squares_are_refused():
     for name, place, first, second in (
         ("gained", 1, "v", "v"),
         ("gained", 2, "v", "z"),
-        ("moved", 1, "z", "v"),
+        ("moved", 2, "z", "v"),
         ("moved", 0, "v", "z"),
         ("shift", 0, "v", "v"),
     ):

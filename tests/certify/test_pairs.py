@@ -170,24 +170,33 @@ def test_search_and_checker_compute_the_same_game(
         Errors(EXACT, springs) if alone else Errors(Sector(0.3, 0.5), springs, slope, damping, any_motion)
     )
     of_springs = ChannelWeights() if alone else ChannelWeights(0.3, 0.1, 0.5, 0.7)
-    weights = of_springs, ChannelWeights(0.2, 0.3, 0.4, 0.1)
+    predicts = max(errors.slope) > 0.0 and (latency > 0 or watched is not None)
+    latency = min(latency, 1) if predicts else latency
+    loop = replace(loop, latency=latency)
+    of_slope = ChannelWeights(0.2, 0.3, 0.4, 0.1, 0.17 * predicts)
+    weights = of_springs, of_slope
     weights = *weights, ChannelWeights(0.0, 0.4, 0.6 if damping else 0.0, 0.2)
-    multipliers = Multipliers(20.0, *weights, filters)
+    high = (FilterWeights(0.4, 0.23, 0.05),) if predicts and not any_motion else ()
+    multipliers = Multipliers(20.0, *weights, filters, prediction_filters=high)
     rate = 0.0 if any_motion else 0.4
     storages = PairStorages(loop, errors, multipliers, rate)
-    n = 6 + latency + 4 * (seen is not None) + 2 * len(filters) + sum(errors.states(multipliers))
+    every = worst_period(loop, link, errors, multipliers, rate)
+    n = len(every.a)
+    waiting = 4 if predicts else latency + 4 * (seen is not None)
+    assert n == 6 + waiting + 2 * len(filters + high) + sum(errors.states(multipliers))
     parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
     claim = pair_claim(claim_numbers(storages, parts))
     with checker._balls():
         checked = checker._loop(claim, arb(link), arb(0))
         values = [np.array([[float(e) for e in row] for row in part.constant.tolist()]) for part in checked]
-    for value, expected in zip(values, worst_period(loop, link, errors, multipliers, rate)):
+    for value, expected in zip(values, every):
         np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def mixed_radius(pairs, links, error, springs: Any = 0.0, slope: Any = 0.0):
+def mixed_radius(pairs, links, error, springs: Any = 0.0, slope: Any = 0.0, foreseen: Any = 0.0):
     """Spectral radius of pairs λ (n,) with symmetric errors Δ (n, n) of their inverse inertia, E (n, n) of their
-    stiffness, and a slope Γ (n, n) of gravity, by SciPy: the law predicts with what the pairs should be."""
+    stiffness, and a slope Γ (n, n) of gravity, by SciPy: the law predicts with what the pairs should be, and with
+    another slope (n, n)."""
     gains, n, h = pairs.gains, len(links), PERIOD
     kappa, beta, root = gains.motor, gains.damping, np.sqrt(links)
 
@@ -203,7 +212,7 @@ def mixed_radius(pairs, links, error, springs: Any = 0.0, slope: Any = 0.0):
     true, entry = moved(
         np.diag(links) + root[:, None] * error * root, np.eye(n) + springs, slope + np.zeros((n, n))
     )
-    known, own = moved(np.diag(links), np.eye(n), np.zeros((n, n)))
+    known, own = moved(np.diag(links), np.eye(n), foreseen + np.zeros((n, n)))
     k, unit = gains(links)[:, :5], np.eye(7 * n)
     x, total, last, waiting = unit[: 4 * n], unit[4 * n : 5 * n], unit[5 * n : 6 * n], unit[6 * n :]
     integral = total + 0.5 * h * (last + x[:n])
@@ -227,14 +236,15 @@ def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(
         + [(springy[1], SOME)] * 60
     ):
         links = np.exp(rng.uniform(*np.log(ends), 3))
-        masses, springs, slope = (
+        masses, springs, slope, foreseen = (
             turn @ np.diag(size * rng.choice([-1.0, 1.0], 3) * rng.choice([1.0, 0.5], 3)) @ turn.T
-            for size in (numbers["lower"], numbers["softer"], numbers["falling"])
+            for size in (numbers["lower"], numbers["softer"], numbers["falling"], numbers["falling"])
             for turn in (np.linalg.qr(rng.normal(size=(3, 3)))[0],)
         )
-        radius = mixed_radius(pairs, links, masses, springs, slope)
-        assert radius < 1.0
-        assert pairs.radius(links.tolist(), masses, springs, slope) == pytest.approx(radius, abs=1e-7)
+        assert mixed_radius(pairs, links, masses, springs, slope, foreseen) < 1.0
+        assert mixed_radius(pairs, links, masses, springs, slope, slope) < 1.0
+        level = mixed_radius(pairs, links, masses, springs)
+        assert pairs.radius(links.tolist(), masses, springs) == pytest.approx(level, abs=1e-7)
     down = np.array([[-1.5]])  # a slope that lets the slowest pair fall
     assert mixed_radius(pairs, np.array([ENDS[0]]), np.zeros((1, 1)), 0.0, down) > 1.0
     soft = smallest_unstable(pairs, mixed=False, count=20, of_springs=True)
@@ -379,7 +389,7 @@ def forged(numbers, rng):
     kinds = ["rate", "law", "number", "entry", "sign", "scale", "range", "latency"]
     kinds += ["sector"] * (file["lower"] > 0.0) + ["springs"] * (file["softer"] > 0.0)
     kinds += ["multiplier", "weight"] * (file["rate_weight"] > 0.0)
-    kinds += ["slope"] * (file["falling"] > 0.0) + ["filter"] * bool(file["filters"])
+    kinds += ["slope", "prediction"] * (file["falling"] > 0.0) + ["filter"] * bool(file["filters"])
     motors = file["motors"]
     kinds += ["motors", "motor weight", "fading", "indefinite"] * bool(motors)
     kind = str(rng.choice(kinds))
@@ -409,6 +419,11 @@ def forged(numbers, rng):
         )
     elif kind == "slope":
         file["falling"], file["holding_up"] = rng.uniform(5.0, 20.0, 2) * file["falling"]
+    elif kind == "prediction":
+        weight = [file["prediction_weight"], *file["prediction_filters"][0][:2]]
+        place = int(rng.integers(3))
+        weight[place] *= float(rng.choice([1e-7, 1e5]))
+        file["prediction_weight"], file["prediction_filters"][0][:2] = weight[0], weight[1:]
     elif kind == "filter":
         place = int(rng.integers(3))
         file["filters"][0][place] *= (30.0, -1.0, -9.0)[place] * min(1.0, factor)
@@ -447,6 +462,7 @@ def damaged(numbers, rng):
     file[name] = wrong[int(rng.integers(len(wrong)))]
     if rng.random() < 0.2 or (name, file[name]) in (
         ("filters", []),
+        ("prediction_filters", []),
         ("error_filters", []),
         ("any_motion", True),
         ("motors", None),
@@ -456,7 +472,7 @@ def damaged(numbers, rng):
 
 
 #: Kinds of forgeries of each certificate.
-FORGED = {"found": 9, "sprung": 12, "falling": 13, "filtered": 10, "springy": 10, "unlike": 13}
+FORGED = {"found": 9, "sprung": 12, "falling": 14, "filtered": 10, "springy": 10, "unlike": 13}
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def test_a_whole_sample_of_unknown_delay_is_one_more_input_that_waits(pairs: Sam
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("late", [0.0, 0.3, DELAY])
-@pytest.mark.parametrize(("latency", "watched", "springs"), [(0, None, EXACT), (2, [0, 2], Sector(0.2, 0.3))])
+@pytest.mark.parametrize(("latency", "watched", "springs"), [(0, None, EXACT), (1, [0, 2], Sector(0.2, 0.3))])
 def test_search_and_checker_compute_the_same_game(
     pairs: SampledPairs, late: float, latency: int, watched: list[int] | None, springs: Sector
 ) -> None:
@@ -156,7 +156,11 @@ def test_search_and_checker_compute_the_same_game(
     loop, link = SampledPairs(pairs.gains, latency, filter, DELAY, late), 205.0**2
     slope = Sector(0.0, 0.1) if springs != EXACT else EXACT
     weights = ChannelWeights(0.3, 0.1, 0.5, 0.7)
-    multipliers = Multipliers(20.0, weights, weights, filters=(FilterWeights(0.2, 0.3, 0.1),))
+    predicted = weights._replace(prediction=0.17 * (slope != EXACT))
+    high = (FilterWeights(0.4, 0.23, 0.05),) * (slope != EXACT)
+    multipliers = Multipliers(
+        20.0, weights, predicted, filters=(FilterWeights(0.2, 0.3, 0.1),), prediction_filters=high
+    )
     errors = Errors(Sector(0.3, 0.5), springs, slope)
     expected = worst_period(loop, link, errors, multipliers, 0.4)
     n = len(expected.a)

@@ -39,16 +39,20 @@ from flexhinf.modal.popov import (
     worst_period,
 )
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
+from flexhinf.plant.joints import elastic_joints
 from flexhinf.robot.workspace import workspace_of
 
 
 class Mixed(NamedTuple):
-    """What mixes k pairs, symmetric (k, k): Δ of masses, E of springs, N of K/J and Φ of B/J, 1/s."""
+    """What mixes k pairs, symmetric (k, k): Δ of masses, E of springs, N of K/J and Φ of B/J, 1/s; and slopes Γ of
+    gravity, the robot's and its model's."""
 
     masses: np.ndarray
     springs: np.ndarray
     motors: np.ndarray
     friction: np.ndarray
+    slope: np.ndarray | float = 0.0
+    foreseen: np.ndarray | float = 0.0
 
 
 #: States of a pair within a period: what the law used is held, and the model moves from the estimate.
@@ -115,10 +119,11 @@ def sampled_loop(numbers: Mapping[str, Any], links: np.ndarray, errors: Mixed) -
 
 
 def filters(numbers: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """Of each filter what it sees, the twist x or what the model misses of it, and its pole."""
+    """Of each filter what it sees, the twist x, what the model misses of it or the model's ẑ, and its pole."""
     motors = numbers["motors"] or {"filters": [], "error_filters": []}
     twist = [("x", one[0]) for one in (*numbers["filters"], *motors["filters"])]
-    return twist + [("ε", one[0]) for one in motors["error_filters"]]
+    errors = [("ε", one[0]) for one in motors["error_filters"]]
+    return twist + errors + [("ẑ", one[0]) for one in numbers["prediction_filters"]]
 
 
 def _rates(numbers: Mapping[str, Any], links: np.ndarray, errors: Mixed, alike: np.ndarray) -> np.ndarray:
@@ -131,17 +136,17 @@ def _rates(numbers: Mapping[str, Any], links: np.ndarray, errors: Mixed, alike: 
     pull, rub = kappa * errors.motors, h * errors.friction
     held = alike[:, None] * (pull @ at["s0"] + rub @ at["dw0"]) + numbers["input"] * h**2 * at["force"]
     twist = (one + errors.springs) @ at["s"]
-    for (z, dz, s, ds), stretched, felt in (
-        (WITHIN[:4], twist, errors.masses),
-        (WITHIN[7:], at["ŝ"], 0.0 * one),
+    for (z, dz, s, ds), stretched, felt, slope in (
+        (WITHIN[:4], twist, errors.masses, errors.slope + 0.0 * one),
+        (WITHIN[7:], at["ŝ"], 0.0 * one, errors.foreseen + 0.0 * one),
     ):
-        link = roots[:, None] * ((one + felt) @ (roots[:, None] * stretched))
+        link = roots[:, None] * ((one + felt) @ (roots[:, None] * (stretched - slope @ at[z])))
         motor = held - (kappa * one + pull) @ stretched
         motor -= (numbers["damping"] * h * one + rub) @ (at[dz] + at[ds])
         for name, rate in ((z, at[dz]), (dz, link), (s, at[ds]), (ds, motor - link)):
             rates[name] = rates[name] + rate
     for i, (name, pole) in enumerate(filters(numbers)):
-        signal = twist if name == "x" else twist - at["ŝ"]
+        signal = {"x": twist, "ε": twist - at["ŝ"], "ẑ": at["ẑ"]}[name]
         rates[f"{name} {i}"] = signal - pole * at[f"{name} {i}"]
     return np.vstack([rates[name] for name in names])
 
@@ -167,6 +172,7 @@ def of_loop(pairs: SampledPairs) -> dict[str, Any]:
         "observer": observer,
         "rate": 0.0,
         "filters": [],
+        "prediction_filters": [],
         "motors": None,
     }
 
@@ -242,13 +248,15 @@ class Period:
     def __init__(self, numbers: Mapping[str, Any], link: float) -> None:
         self.numbers, self.motors, self.h = numbers, numbers["motors"], numbers["period"]
         self.filters = *numbers["filters"], *self.motors["filters"], *self.motors["error_filters"]
+        self.filters += (*numbers["prediction_filters"],)
+        inputs = [*INPUTS, *(["p̂"] if numbers["prediction_weight"] else [])]
         self.added = [
             f"{name} {i}" for i in range(len(self.filters)) for name in ("seen", "answer")
         ] + CHANNELS
         #: ξ, which stays as it was at the sample.
         self.before = len(sample(numbers, np.array([link])).begun.T) - len(self.filters) + len(self.added)
         self.names = [*WITHIN, *self.added, *HELD, *(f"before {i}" for i in range(self.before))]
-        self.at = dict(zip((*self.names, *INPUTS), np.eye(len(self.names) + len(INPUTS))))
+        self.at = dict(zip((*self.names, *inputs), np.eye(len(self.names) + len(inputs))))
         self.alpha, self.root = numbers["rate"] * self.h, self.h * np.sqrt(link)
         self.kappa, none = numbers["motor"] * self.h**2, np.zeros(len(self.at))
         self.rates = dict.fromkeys(self.names, none)
@@ -270,7 +278,8 @@ class Period:
         e, p, b, n0, p0, d, de, dp, db, m, mε, pm, pε = self.forms(*CHANNELS, *HELD, *INPUTS)
         x, rub = s + e + b, self.numbers["damping"] * self.h
         known = alike * (self.kappa * n0 + p0) + self.numbers["input"] * self.h**2 * force
-        link, model = self.root**2 * (x - p) + self.root * d, self.root**2 * ŝ
+        link = self.root**2 * (x - p) + self.root * d
+        model = self.root**2 * (ŝ - self.at.get("p̂", 0.0 * p))
         motor = known - self.kappa * (x + m + mε + n0) - rub * (dz + ds) - (pm + pε + p0)
         foreseen = known - self.kappa * (ŝ + m + n0) - rub * (dẑ + dŝ) - (pm + p0)
         moved = dz, link, ds, motor - link, 0 * force, 0 * s0, 0 * dw0, dẑ, model, dŝ, foreseen - model
@@ -321,15 +330,22 @@ class Period:
             self.sector(weight, *pair, less, more)
 
     def _filters(self) -> None:
-        """Of masses, whose states are a_f/√λ and √λ d_f, of n and of mε."""
-        p, ŝ, n0, d, m, mε = self.forms("p", "ŝ", "n0", "d", "m", "mε")
+        """Of masses, whose states are a_f/√λ and √λ d_f, of n and of mε; and of a slope in the model, a sector."""
+        p, ẑ, ŝ, n0, d, m, mε = self.forms("p", "ẑ", "ŝ", "n0", "d", "m", "mε")
         whole, of_masses = m + mε + n0, len(self.numbers["filters"])
         of_twist = of_masses + len(self.motors["filters"])
+        of_errors, ends = of_twist + len(self.motors["error_filters"]), ("falling", "holding_up")
+        sides, p̂ = [self.numbers[name] for name in ends], self.at.get("p̂", 0.0 * p)
+        self.sector(self.numbers["prediction_weight"], p̂, ẑ, *sides)
         for i, (pole, multiplier, lift) in enumerate(self.filters):
             signal, answer = (self.x, whole) if i < of_twist else (self.x - ŝ, mε)
             if i < of_masses:
                 signal, answer, lift = self.x - p, self.root * d, lift / self.root**2
             seen, answered = self.forms(f"seen {i}", f"answer {i}")
+            if i >= of_errors:
+                signal, answer = ẑ, p̂
+                self.sector(multiplier, p̂ - pole * answered, ẑ - pole * seen, *sides)
+                multiplier = 0.0
             self.rates |= {f"seen {i}": signal - pole * seen, f"answer {i}": answer - pole * answered}
             self.products += [(2.0 * multiplier, answered, signal), (-2.0 * multiplier, answer, seen)]
             self.products.append((-2.0 * lift, answered, self.rates[f"answer {i}"]))
@@ -375,15 +391,15 @@ def of_integrals(numbers: Mapping[str, Any], link: float, end: np.ndarray) -> np
 
 
 @lru_cache
-def scara(**stated: Any) -> WorkspaceSetup:
+def tried(name: str, **stated: Any) -> WorkspaceSetup:
     """The law that a design tries first, with a specification."""
-    robot = ROBOTS["scara"].robot()
+    robot = ROBOTS[name].robot()
     law, _ = masses.pairs_of(robot)
     return WorkspaceSetup(robot, Specification(**stated), workspace_of(robot), law, RANDOM[0])
 
 
-def motors_at(setup: WorkspaceSetup, pose: np.ndarray) -> tuple[np.ndarray, Mixed]:
-    """λ of a pose, and what unlike motors mix there."""
+def mixed_at(setup: WorkspaceSetup, pose: np.ndarray) -> tuple[np.ndarray, Mixed]:
+    """λ of a pose, and what unlike motors and gravity mix there."""
     law, joints, gains = setup.law, setup.law.joints, setup.gains
     root = np.sqrt(joints.stiffness)
     matrix = law.compliance.matrix(pose, law.plant.parameters.vector())
@@ -391,32 +407,45 @@ def motors_at(setup: WorkspaceSetup, pose: np.ndarray) -> tuple[np.ndarray, Mixe
     rates = joints.stiffness / joints.motor_inertia, joints.motor_damping / joints.motor_inertia
     stiffness, friction = ((frame.T * rate) @ frame for rate in rates)
     one, none = np.eye(len(links)), np.zeros((len(links), len(links)))
-    return links, Mixed(none, none, stiffness / gains.motor - one, friction - gains.damping * one)
+    slope = elastic_joints(law.plant, *setup.robot.operating_point(pose)).gravity_slope
+    slope = frame.T @ (slope / root[:, None] / root) @ frame
+    motors = stiffness / gains.motor - one, friction - gains.damping * one
+    return links, Mixed(none, none, *motors, slope, slope)
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    "stated",
+    ("name", "stated"),
     [
-        {},
-        {"latency": 0},
-        {"measured": ("motor_position",)},
-        {"measured": ("link_position", "motor_position")},
-        {"estimator": "none"},
+        ("scara", {}),
+        ("scara", {"latency": 0}),
+        ("scara", {"measured": ("motor_position",)}),
+        ("scara", {"measured": ("link_position", "motor_position")}),
+        ("scara", {"estimator": "none"}),
+        ("spatial", {}),
+        ("spatial", {"latency": 0}),
     ],
     ids=str,
 )
-def test_mixed_pairs_are_the_loop_of_a_robot_with_its_own_motors(stated: dict[str, Any]) -> None:
-    """The other route is in joints: plant, slope of the law and gain of the filter at a pose, gravity without slope."""
-    setup = scara(**stated)
+def test_mixed_pairs_are_the_loop_of_a_robot_with_its_own_motors(name: str, stated: dict[str, Any]) -> None:
+    """The other route is in joints: plant, slope of the law and gain of the filter at a pose. SCARA's gravity has no
+    slope; the other arm's filter knows that of gravity."""
+    setup = tried(name, **stated)
     numbers = of_loop(sampled_pairs(setup))
+
+    def apart(links: np.ndarray, mixed: Mixed) -> float:
+        found = np.linalg.eigvals(sampled_loop(numbers, links, mixed))
+        distances = np.abs(found[:, None] - expected)  # the other loop has inputs that wait beside these
+        return float(distances[linear_sum_assignment(distances)].max())
+
     for pose in setup.workspace.sample(2, 3):
-        links, motors = motors_at(setup, pose)
-        assert np.ptp(np.linalg.eigvalsh(motors.motors)) > 1.5  # motors that differ
-        found = np.linalg.eigvals(sampled_loop(numbers, links, motors))
+        links, mixed = mixed_at(setup, pose)
         expected = setup.linear(pose, damped=False).closed_loop.multipliers
-        apart = np.abs(found[:, None] - expected)  # the other loop has inputs that wait beside these
-        assert apart[linear_sum_assignment(apart)].max() < 1e-10
+        assert apart(links, mixed) < 1e-10
+        if name == "scara":
+            assert np.ptp(np.linalg.eigvalsh(mixed.motors)) > 1.5  # motors that differ
+        else:
+            assert apart(links, mixed._replace(foreseen=0.0)) > 1e-4
 
 
 @pytest.mark.oracle
@@ -424,13 +453,14 @@ def test_mixed_pairs_are_the_loop_of_a_robot_with_its_own_motors(stated: dict[st
 def test_search_and_checker_have_the_worst_of_the_integrals_as_they_stand(
     observed: bool, latency: int
 ) -> None:
-    pairs = replace(sampled_pairs(scara()), latency=latency, motors=MOTORS)
+    pairs = replace(sampled_pairs(tried("scara")), latency=latency, motors=MOTORS)
     pairs = pairs if observed else replace(pairs, filter=None)
     errors = ERRORS._replace(slope=Sector(0.01, 0.02), damping=0.002)
     multipliers = MULTIPLIERS._replace(
         springs=MULTIPLIERS.springs._replace(multiplier=0.004, lift=0.2),
-        slope=ChannelWeights(0.01, 0.1, 1.0, 0.05),
+        slope=ChannelWeights(0.01, 0.1, 1.0, 0.05, 3.0 * pairs.predicts),
         damping=ChannelWeights(0.0, 0.01, 0.1, 0.02),
+        prediction_filters=(FilterWeights(0.3, 2.0, 0.1),) * pairs.predicts,
     )
     for link in (78.0**2, 550.0**2):
         searched = worst_period(pairs, link, errors, multipliers, 200.0)
@@ -456,7 +486,7 @@ def test_search_and_checker_have_the_worst_of_the_integrals_as_they_stand(
 @pytest.mark.parametrize(("observed", "latency"), [(True, 1), (True, 0), (False, 1), (False, 0)])
 def test_what_the_proof_says_falls_in_loops_of_mixed_pairs(observed: bool, latency: int) -> None:
     """All terms of the theorem at once, of pairs far from each other; and it does not where motors differ by more."""
-    pairs = replace(sampled_pairs(scara()), latency=latency, motors=MOTORS)
+    pairs = replace(sampled_pairs(tried("scara")), latency=latency, motors=MOTORS)
     pairs = pairs if observed else replace(pairs, filter=None)
     storages = PairStorages(pairs, ERRORS, MULTIPLIERS, RATE).lifted()
     links = np.array([78.0, 200.0, 350.0, 550.0]) ** 2
@@ -478,7 +508,7 @@ def test_what_the_proof_says_falls_in_loops_of_mixed_pairs(observed: bool, laten
 @pytest.mark.ci("a search of P and five checks")
 @pytest.mark.oracle
 def test_a_certificate_of_unlike_motors_holds_for_mixed_pairs_and_no_forged_one_passes() -> None:
-    pairs = replace(sampled_pairs(scara()), motors=MOTORS)
+    pairs = replace(sampled_pairs(tried("scara")), motors=MOTORS)
     pairs = replace(pairs, gains=replace(pairs.gains, ends=(79.0**2, 80.0**2)))
     found = pair_certificate(PairStorages(pairs, ERRORS, MULTIPLIERS, RATE).lifted(), lambda done: None)
     numbers = json.loads(json.dumps(found))

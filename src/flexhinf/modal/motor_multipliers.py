@@ -96,13 +96,15 @@ class _Numbers:
         self._rubs = max(motors.less_friction, motors.more_friction) > 0.0
         self._alike, self._kappa = alike, pairs.gains.pair(1.0).motor * pairs.gains.period**2
         self._damping = damping / pairs.gains.period
-        # ρ, μ₁ and μ₂ of springs, of a slope and of damping
-        self._channels = (*alike.springs[:3], *alike.slope[:3], *alike.damping[:3])
+        # ρ, μ₁ and μ₂ of springs, of a slope and of damping; the weight of a slope in the model
+        channels = (*alike.springs[:3], *alike.slope[:3], *alike.damping[:3])
+        self._channels = (*channels, alike.slope.prediction)
         self._weights = [k for k, one in enumerate(self._channels) if one > 0.0]
 
     def starts(self) -> Iterator[np.ndarray]:
         """From where a search begins: without filters and products of different signals."""
-        others = np.zeros(len(self._weights) + 2 * len(self._alike.filters))
+        filters = len(self._alike.filters) + len(self._alike.prediction_filters)
+        others = np.zeros(len(self._weights) + 2 * filters)
         for scale, weight, part in product((-2.0, -1.0, 0.0), (-3.0, -2.0, -1.0, 0.0), (0.7, 0.0)):
             own = [scale, *[weight] * 3, *[0.0] * 6, part, -0.5, 0.0, 0.0, 0.0]
             yield np.concatenate([own, np.full(3 if self._rubs else 0, 2.0), others])
@@ -118,12 +120,16 @@ class _Numbers:
             channels[k] *= factor * 10.0 ** next(left)
         if self._damping:  # within what stands with τ
             channels[8] = min(channels[8], 1.999 * tau / self._damping)
-        filters = tuple(
-            FilterWeights(one.pole * 10.0 ** next(left), one.multiplier * factor * 10.0 ** next(left))
-            for one in self._alike.filters
+        filters, predicted = (
+            tuple(
+                FilterWeights(one.pole * 10.0 ** next(left), one.multiplier * factor * 10.0 ** next(left))
+                for one in own
+            )
+            for own in (self._alike.filters, self._alike.prediction_filters)
         )
         springs, slope, damping = (ChannelWeights(*channels[k : k + 3]) for k in (0, 3, 6))
-        return Multipliers(tau, springs, slope, damping, filters, motors)
+        slope = slope._replace(prediction=channels[9])
+        return Multipliers(tau, springs, slope, damping, filters, motors, predicted)
 
     def _of_motors(self, left: Iterator[float], popov: float) -> MotorWeights:
         """Those of N and Φ; τκ is a unit of them."""

@@ -34,11 +34,12 @@ ACCURACY, FIRST = 0.01, 1e-4
 #: First step of log₁₀ of one multiplier, and of several; the last one, and what a larger share than before is.
 FIRST_STEP, LAST_STEP, MORE = (0.1, 0.5), 0.03, 1.02
 
-#: Weights from which a search begins: ρ and μ₁ of a slope, μ₂ γ of it, those of damping and of springs; the smallest;
-#: log₁₀.
+#: Weights from which a search begins: ρ and μ₁ of a slope, μ₂ γ of it; of a slope in the model μ̂ γ, with a filter and
+#: without, the filter's pole and its weight times γ; those of damping and of springs; the smallest; log₁₀.
 SLOPE_STARTS, SLOPE_RATE = ((-2.5, -3.3), (-2.0, -2.5), (-2.0, -3.0)), (-1.0, 0.0)
+PREDICTION, HIGH = (-5.0, -4.0), (-0.4, -1.0)
 DAMPING_STARTS = (-2.0, 0.0), (-1.0, 0.5)
-SPRING_STARTS, SMALLEST = ((-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0)), (-4.0, -4.0, -3.0)
+SPRING_STARTS, SMALLEST = ((-2.0, 0.0), (-3.0, -1.0), (-1.0, 0.5, 2.0)), (-4.0, -4.0, -3.0, -6.0, -2.0, -4.0)
 
 #: Shares of what masses alone would have from which τ begins beside other errors.
 BESIDE = (1.0, 0.1, 0.01)
@@ -83,7 +84,7 @@ def popov_tolerance(
     if place is None:
         return PopovTolerance(search.errors(0.0), Multipliers(0.0), 0.0)
     best, place = _climbed(search, best, place)
-    if not any(place.channels):
+    if not any(place.counts):
         best, place = _with_more(search, starts, best, place)
     return PopovTolerance(search.errors(best), place.multipliers, best)
 
@@ -127,78 +128,82 @@ class _Place:
     """Logarithms of multipliers and their signs: τ of slow vibrations; weights of springs, of a slope and of damping;
     then the pole of each filter, with what is added to τ beyond it."""
 
-    channels: tuple[bool, bool, bool]  # whether springs, a slope and damping have weights
+    counts: tuple[int, int, int]  # how many weights springs, a slope and damping have
     signs: tuple[float, ...]
     powers: tuple[float, ...]
 
     @classmethod
-    def of(
-        cls, masses: Sequence[float], channels: tuple[bool, bool, bool], weights: Sequence[float]
-    ) -> _Place:
+    def of(cls, masses: Sequence[float], counts: tuple[int, int, int], weights: Sequence[float]) -> _Place:
         """Of τ, poles and steps, and of logarithms of the weights of each channel."""
         slow, *filters = masses
         powers = [np.log10(abs(slow)), *weights, *np.log10(np.abs(filters))]
         signs = [np.sign(slow), *(1.0 for _ in weights), *np.sign(filters)]
-        return cls(channels, tuple(map(float, signs)), tuple(map(float, powers)))
+        return cls(counts, tuple(map(float, signs)), tuple(map(float, powers)))
 
     @property
     def multipliers(self) -> Multipliers:
         """These, as numbers."""
         slow, *others = (sign * 10.0**power for sign, power in zip(self.signs, self.powers))
-        springs, slope, damping = (
-            ChannelWeights(*[0.0] * (3 - count), *(others.pop(0) for _ in range(count)))
-            for count in self._counts
+        (springs, _), (slope, prediction), (damping, _) = (
+            (ChannelWeights(*[0.0] * (3 - count), *own[:3]), own[3:])
+            for count in self.counts
+            for own in ([others.pop(0) for _ in range(count)],)
         )
+        slope = slope._replace(prediction=sum(prediction[:1]))
+        of_slope = (FilterWeights(*prediction[1:]),) if prediction[1:] else ()
         # τ + (step) ω²/(ω² + p²)
         filters = [
             FilterWeights(pole, -0.5 * step * pole**2) for pole, step in zip(others[::2], others[1::2])
         ]
-        return Multipliers(slow + sum(others[1::2]), springs, slope, damping, tuple(filters))
-
-    @property
-    def _counts(self) -> tuple[int, ...]:
-        """How many weights each channel has."""
-        return tuple(count * there for count, there in zip((3, 3, 2), self.channels))
+        tau = slow + sum(others[1::2])
+        return Multipliers(tau, springs, slope, damping, tuple(filters), prediction_filters=of_slope)
 
     def neighbours(self, step: float) -> Iterator[_Place]:
         """A step along each axis, either way; of several weights, then all of them together."""
-        size, weights = len(self.powers), sum(self._counts)
+        size, weights = len(self.powers), sum(self.counts)
         steps, least = np.eye(size), np.full(size, -np.inf)
         if weights:
             steps = np.vstack([steps, [0.0] + [1.0] * weights + [0.0] * (size - 1 - weights)])
-            least[1 : 1 + weights] = [one for count in self._counts for one in SMALLEST[3 - count :]]
+            least[1 : 1 + weights] = [
+                one for count in self.counts for one in SMALLEST[max(0, 3 - count) :][:count]
+            ]
             least[0] = -1.0
         for way in (*steps, *-steps):
             other = np.array(self.powers) + step * way
             if (other >= least).all():
-                yield _Place(self.channels, self.signs, tuple(other.tolist()))
+                yield _Place(self.counts, self.signs, tuple(other.tolist()))
 
 
 def _starts(pairs: SampledPairs, shape: Errors, fixed: Errors) -> Iterator[_Place]:
     """Places from which a search begins."""
     errors = fixed.and_share(1.0, shape)
     alone = errors.of_springs_alone
-    channels = (False, False, False) if alone else errors.channels
+    springs, slope, damped = errors.channels
+    foreseen = (1 if errors.any_motion else 3) * (slope and pairs.predicts)
+    counts = (0, 0, 0) if alone else (3 * springs, (3 + foreseen) * slope, 2 * damped)
     masses = shape.masses if max(shape.masses) > 0.0 else Sector(1.0, 1.0)
     chosen = list(_of_masses_or_springs(pairs, shape.springs if alone else masses, alone))
-    if not any(channels):
+    if not any(counts):
         for one in chosen:
-            yield _Place.of(one, channels, ())
+            yield _Place.of(one, counts, ())
         return
     for (slow, *filters), share in product(chosen[1 :: len(PARTS)], BESIDE):
         own = [abs(slow) * share, *(own * (share if k % 2 else 1.0) for k, own in enumerate(filters))]
-        for weights in _channel_starts(errors):
-            yield _Place.of(own, channels, weights)
+        for weights in _channel_starts(errors, foreseen):
+            yield _Place.of(own, counts, weights)
 
 
-def _channel_starts(errors: Errors) -> Iterator[tuple[float, ...]]:
+def _channel_starts(errors: Errors, foreseen: int) -> Iterator[tuple[float, ...]]:
     """Weights of springs, of a slope and of damping from which a search begins, log₁₀."""
     springs, slope, damping = errors.channels
     of_springs = list(product(*SPRING_STARTS)) if springs else [()]
     of_slope: list[tuple[float, ...]] = [()]
     if slope:
         size = float(np.log10(max(errors.slope)))
-        of_slope = [(*own, rate - size) for own in SLOPE_STARTS for rate in SLOPE_RATE]
+        own = PREDICTION[foreseen == 1] - size, HIGH[0], HIGH[1] - size
+        of_slope = [
+            (*start, rate - size, *own[:foreseen]) for start, rate in product(SLOPE_STARTS, SLOPE_RATE)
+        ]
     of_damping: list[tuple[float, ...]] = [*product(*DAMPING_STARTS)] if damping else [()]
     for parts in product(of_springs, of_slope, of_damping):
         yield tuple(one for part in parts for one in part)
@@ -291,7 +296,11 @@ class _Largest:
         self.shape, self.fixed = shape, fixed
         links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
         self.loops = list(product(pairs.some_late, links))
-        self.stable = all(loop.decay(link) > 0.0 for loop, link in self.loops)
+        slope = max(self.errors(1.0).slope) > 0.0
+        # no proof has a slope in a prediction over several samples
+        self.stable = not (slope and pairs.latency > 1) and all(
+            loop.decay(link) > 0.0 for loop, link in self.loops
+        )
 
     def errors(self, share: float) -> Errors:
         """The errors of a share."""
@@ -299,6 +308,8 @@ class _Largest:
 
     def tolerates(self, share: float, multipliers: Multipliers) -> bool:
         """Whether errors of this share are covered at all λ."""
+        if not self.stable:
+            return False
         damping = self.errors(share).damping / self.loops[0][0].gains.period
         if multipliers.damping.rate * damping > 2.0 * multipliers.masses:
             return False
@@ -306,7 +317,7 @@ class _Largest:
             if gain_peak(worst_period(loop, link, self.errors(share), multipliers)) >= 1.0:
                 self.loops.insert(0, self.loops.pop(k))  # the next question is likely to fail here too
                 return False
-        return self.stable
+        return True
 
     def share(self, multipliers: Multipliers, above: float) -> float:
         """The largest share with multipliers, if it is larger than another one; else 0."""

@@ -86,6 +86,7 @@ class ChannelWeights(NamedTuple):
     signal: float = 0.0  # μ₁
     rate: float = 0.0  # μ₂
     lift: float = 0.0  # c
+    prediction: float = 0.0  # μ̂, of a slope in the model that predicts a state
 
 
 class FilterWeights(NamedTuple):
@@ -142,12 +143,15 @@ class Multipliers(NamedTuple):
     damping: ChannelWeights = ChannelWeights()
     filters: tuple[FilterWeights, ...] = ()
     motors: MotorWeights | None = None  # of unlike motors
+    prediction_filters: tuple[
+        FilterWeights, ...
+    ] = ()  # of a slope in the model; σ is the weight of the sector of signals behind s/(s + p)
 
     @property
     def every_filter(self) -> tuple[FilterWeights, ...]:
-        """All filters in the order of their states: of masses, of N and of the estimate's errors."""
-        motors = self.motors
-        return self.filters if motors is None else (*self.filters, *motors.filters, *motors.error_filters)
+        """All filters in the order of their states: of masses, of N, of the estimate's errors and of its slope."""
+        motors = () if self.motors is None else (*self.motors.filters, *self.motors.error_filters)
+        return *self.filters, *motors, *self.prediction_filters
 
     @property
     def without_gain(self) -> Multipliers:

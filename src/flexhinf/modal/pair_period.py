@@ -41,7 +41,7 @@ from flexhinf.modal.pair_errors import (
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: The states of a pair, and what unlike motors add: what the law used and the worst of it, and the estimate's motion.
-OWN = ("z", "dz", "s", "ds", "f")
+OWN = ("z", "dz", "s", "ds")
 USED, FRICTION, HAT = ("s0", "n0"), ("dw0", "p0"), ("hat z", "hat dz", "hat s", "hat ds")
 
 #: The share of the largest eigenvalue of W by which others may be below 0.
@@ -66,24 +66,26 @@ def worst_period(
 ) -> WorstPeriod:
     """A, Q and W of a pair with the rate α in 1/s; its last states are those of filters, e, p and b."""
     h = pairs.gains.period
-    forms = _PairForms(pairs, link, errors._replace(damping=errors.damping / h), multipliers, rate * h)
-    (acting, memory), solved, extra = pairs.memory(link), forms.hamiltonian, forms.extra
+    arguments = pairs, link, errors._replace(damping=errors.damping / h), multipliers, rate * h
+    forms = _PairForms(*arguments)
+    (acting, memory), solved, extra = pairs.memory(link, forms.foreseen), forms.hamiltonian, forms.extra
     own = acting.shape[1]
     states = own + extra
     if solved is None:
         return WorstPeriod.unbounded(states)
     hamiltonian, shift = solved
-    if pairs.delay:
-        flow = _late(hamiltonian, pairs.late, rate * h)
-        shift = np.insert(np.insert(shift, 4, 0.0, 0), 4, 0.0, 1)
-    else:
-        with np.errstate(over="ignore", invalid="ignore"):
-            flow = expm(hamiltonian)
-        if not np.isfinite(flow).all():
-            return WorstPeriod.unbounded(states)
+    with np.errstate(over="ignore", invalid="ignore"):
+        flow = expm((1.0 - pairs.late) * hamiltonian)
+        if pairs.late and (before := _PairForms(*arguments, acts="before").hamiltonian) is not None:
+            flow = flow @ expm(pairs.late * before[0])
+    if not np.isfinite(flow).all():
+        return WorstPeriod.unbounded(states)
     (a, b), (c, d) = (np.hsplit(part, 2) for part in np.vsplit(flow, 2))
     end = shift @ b + d
-    inverse = np.linalg.inv(end)
+    try:
+        inverse = np.linalg.inv(end)
+    except np.linalg.LinAlgError:
+        return WorstPeriod.unbounded(states)
     w, q = b @ inverse, inverse @ (end @ shift - shift @ a - c)
     w, q, size = 0.5 * (w + w.T), 0.5 * (q + q.T), len(w)
     # The flow's states at the sample, by those of the loop; and which of them the loop keeps.
@@ -113,21 +115,6 @@ def _is_positive(matrix: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return True
-
-
-def _late(hamiltonian: np.ndarray, late: float, alpha: float) -> np.ndarray:
-    """A flow over a period in which the input of the period before, which stands before the new one, acts until θ."""
-    size = len(hamiltonian) // 2 + 1
-    flow = np.eye(2 * size)
-    for input, duration, growth in ((4, late, alpha * late), (5, 1.0 - late, 0.0)):
-        acts = [k for k in range(size) if k != 9 - input]
-        both = [*acts, *(size + k for k in acts)]
-        part = np.eye(2 * size)
-        part[np.ix_(both, both)] = expm(duration * hamiltonian)
-        part[5, 5] *= np.exp(growth)  # the new input waits, and is one of the signals times exp(αt)
-        part[size + 5, size + 5] *= np.exp(-growth)
-        flow = part @ flow
-    return flow
 
 
 class _Forms:
@@ -184,9 +171,16 @@ class _PairForms(_Forms):
     then what is added by filters, and e, p and b where there are any; in periods."""
 
     def __init__(
-        self, pairs: SampledPairs, link: float, errors: Errors, multipliers: Multipliers, alpha: float
+        self,
+        pairs: SampledPairs,
+        link: float,
+        errors: Errors,
+        multipliers: Multipliers,
+        alpha: float,
+        acts: str = "f",
     ) -> None:
         h, motors = pairs.gains.period, pairs.motors
+        self._acts = acts
         self._link, self._kappa, self._alpha = link * h**2, pairs.gains.pair(link).motor * h**2, alpha
         self._errors, self._multipliers = errors, multipliers
         channels, filters = errors.states(multipliers), len(multipliers.every_filter)
@@ -194,17 +188,23 @@ class _PairForms(_Forms):
         rubs = motors is not None and max(motors.less_friction, motors.more_friction) > 0.0
         there = [name for name, one in zip(("e", "p", "b"), channels) if one]
         behind = [f"{kind} {k}" for k in range(filters) for kind in ("seen", "answer")]
-        unlike = [] if motors is None else [*USED, *(FRICTION if rubs else ()), *HAT]
+        #: Whether the estimate moves beside the state within a period.
+        self.foreseen = motors is not None or multipliers.slope.prediction > 0.0
+        unlike = [] if motors is None else [*USED, *(FRICTION if rubs else ())]
+        unlike += HAT if self.foreseen else ()
         inputs = ["e" if self._alone else "d", *(f"d{name}" for name in there)]
         inputs += [] if motors is None else ["m", "me", *(("pm", "pe") if rubs else ())]
-        states = [*OWN, *unlike, *behind, *there]
+        inputs += ["hat p"] if multipliers.slope.prediction else []
+        forces = ["before", "f"] if pairs.delay else ["f"]
+        states = [*OWN, *forces, *unlike, *behind, *there]
         super().__init__(states, inputs)
         self.extra = len(behind) + len(there)
         #: States that the worst chooses at a sample, and those that the loop keeps as its prediction.
         self.chosen = [states.index(name) for name in ("n0", "p0") if name in states]
-        self.predicted = [states.index(name) for name in HAT] if motors is not None and pairs.predicts else []
+        self.predicted = [states.index(name) for name in HAT] if self.foreseen and pairs.predicts else []
         self._model = pairs.model(link)
         self._moves()
+        self._foresees()
         if motors is not None:
             sectors = Sector(*motors[:2]), Sector(*(h * one for one in motors[2:]))
             self._motors(*sectors, multipliers.motors or MotorWeights(), 1.0 - float(pairs.gains(link)[5]))
@@ -215,45 +215,57 @@ class _PairForms(_Forms):
 
     def entered(self, acting: np.ndarray) -> np.ndarray:
         """The states at a sample, of what acts by the loop's states, and of what errors add."""
-        own, size = acting.shape[1], len(self.states)
-        before = len(acting) - len(OWN) if len(acting) == len(OWN) + 1 else 0  # an input of the period before
-        whole = np.zeros((size + before, own + self.extra))
-        if self.chosen:
-            known = [self.states.index(name) for name in (*OWN, "s0", "dw0", *HAT) if name in self.states]
-            acting = acting if "dw0" in self.states else np.delete(acting, len(OWN) + 1, axis=0)
-        else:
-            known = [*range(len(acting))]
+        own = acting.shape[1]
+        whole = np.zeros((len(self.states), own + self.extra))
+        known = [k for k in range(len(whole) - self.extra) if k not in self.chosen]
+        if self.foreseen and "s0" in self.states and "dw0" not in self.states:
+            acting = np.delete(acting, 6, axis=0)
         whole[known, :own] = acting
-        whole[size + before - self.extra :, own:] = np.eye(self.extra)
+        whole[len(whole) - self.extra :, own:] = np.eye(self.extra)
         return whole
 
     def _moves(self) -> None:
         """The motion of the pair; y, what else than the twist of its spring turns it, and forms that others need."""
         link, kappa, alpha = self._link, self._kappa, self._alpha
-        z, push, s, turn, _ = own = np.array([self[name] for name in OWN])
+        z, push, s, turn, _ = own = np.array([self[name] for name in (*OWN, self._acts)])
         springs, free = self["e"] + self["b"], self._model @ own
         pushed = link * (springs - self["p"]) + np.sqrt(link) * self["d"]
         driven = np.array([self.none, pushed, self.none, -pushed - kappa * springs, self.none])
         self.rates.update(zip(OWN, free + alpha * own + driven))
+        self.rates.update((name, alpha * self[name]) for name in ("before", "f") if name in self.rates)
         self.r, self.o = turn + alpha * s, push + alpha * z
         self.x, self.rate_of_x = s + springs, self.r + self["de"] + self["db"]
         self.y = free[3] + (link + kappa) * s + alpha * (turn + self.r)
         if self._errors.any_motion:  # p is of all that moves the link, (1 + Δ) p, and drives s alone
             self.y = self.y + link * self["p"]
 
+    def _foresees(self) -> None:
+        """The motion of the estimate, by the model, with gravity's slope in it."""
+        if not self.foreseen:
+            return
+        hat = np.array([self[name] for name in (*HAT, "f")])
+        moved = (self._model @ hat + self._alpha * hat)[:4]
+        fall = self["hat p"]
+        moved[1], moved[3] = moved[1] - self._link * fall, moved[3] + self._link * fall
+        self.rates.update(zip(HAT, moved))
+        self.sector(self._multipliers.slope.prediction, fall, hat[0], self._errors.slope)
+        filters = self._multipliers.prediction_filters
+        for k, (pole, weight, lift) in enumerate(filters, len(self._multipliers.every_filter) - len(filters)):
+            seen, answered = self[f"seen {k}"], self[f"answer {k}"]
+            self._filters(k, [FilterWeights(pole, 0.0, lift)], hat[0], fall)
+            self.sector(weight, fall - pole * answered, hat[0] - pole * seen, self._errors.slope)
+
     def _motors(self, sector: Sector, friction: Sector, weights: MotorWeights, kept: float) -> None:
         """Unlike motors, which the law does not make alike by a share `kept`."""
         kappa, alpha, tau = self._kappa, self._alpha, self._multipliers.masses
         s0, n0, speed0, p0 = (self[name] for name in (*USED, *FRICTION))
         m, me, pm, pe = (self[name] for name in ("m", "me", "pm", "pe"))
-        hat = np.array([self[name] for name in (*HAT, "f")])
+        hat = np.array([self[name] for name in HAT])
         for name in (*USED, *FRICTION):
             if name in self.rates:
                 self.rates[name] = alpha * self[name]
-        moved = (self._model @ hat + alpha * hat)[:4]
         known, free = kappa * (m + kept * n0) + pm + kept * p0, kappa * me + pe
-        moved[3] -= known
-        self.rates.update(zip(HAT, moved))
+        self.rates["hat ds"] = self.rates["hat ds"] - known
         self.rates["ds"] = self.rates["ds"] - known - free
         # n₀ times the twist's rate is exact
         self.y = self.y - kappa * (m + me) - pm - pe - kept * p0

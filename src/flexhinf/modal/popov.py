@@ -239,8 +239,12 @@ class PairStorages:
         own, motors = len(m.filters), m.motors
         if motors is not None:
             of_twist = own + len(motors.filters)
-            motors = motors._replace(filters=raised[own:of_twist], error_filters=raised[of_twist:])
-        return replace(self, multipliers=Multipliers(m.masses, springs, slope, damping, raised[:own], motors))
+            of_errors = of_twist + len(motors.error_filters)
+            motors = motors._replace(filters=raised[own:of_twist], error_filters=raised[of_twist:of_errors])
+        of_slope = raised[len(raised) - len(m.prediction_filters) :]
+        return replace(
+            self, multipliers=Multipliers(m.masses, springs, slope, damping, raised[:own], motors, of_slope)
+        )
 
     @property
     def _waiting(self) -> int:

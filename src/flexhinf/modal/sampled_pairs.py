@@ -88,24 +88,26 @@ class SampledPairs:
         return m
 
     @cached_property
-    def _memories(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+    def _memories(self) -> dict[tuple[float, bool], tuple[np.ndarray, np.ndarray]]:
         return {}
 
-    def memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
+    def memory(self, link: float, foreseen: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """The state and the acting input (5, n), and the memory after a period (n − 4, n), by the n states.
 
         The states are (z, z′, s, s′), the filter's prediction of these, the integral in periods, the last position, and
         the inputs that wait, the next one first. With an unknown delay the input of the period before stands before
         those that wait, and before the acting one (6, n).
 
-        With unlike motors the prediction is a state with a latency of a sample too, and no input waits: the law used
-        the prediction, and the integral of then. The twist and the motor's speed that it used follow the acting input,
-        and then the estimate, (11, n); a period's flow gives the next prediction, so that the memory is the integral
-        and the last position, (2, n).
+        Where the estimate moves beside the state, with unlike motors or where a slope of gravity is foreseen, the
+        prediction is a state with a latency of a sample too, and no input waits: the law used the prediction, and the
+        integral of then. Of unlike motors the twist and the speed that it used follow the acting input, then the
+        estimate, (11, n); a period's flow gives the next prediction, so that the memory is the integral and the last
+        position, (2, n), and with an unknown delay the acting input.
         """
-        if link not in self._memories:
-            self._memories[link] = self._memory(link) if self.motors is None else self._unlike_memory(link)
-        return self._memories[link]
+        moves = foreseen or self.motors is not None
+        if (link, moves) not in self._memories:
+            self._memories[link, moves] = self._moving_memory(link) if moves else self._memory(link)
+        return self._memories[link, moves]
 
     def _memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
         """The memory of alike motors."""
@@ -125,20 +127,21 @@ class SampledPairs:
 
     @property
     def predicts(self) -> bool:
-        """Whether the prediction is a state of loops with unlike motors."""
+        """Whether a model predicts: that of a filter, or one over the latency."""
         return self.filter is not None or self.latency > 0
 
-    def _unlike_memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
-        """The memory of unlike motors."""
-        unit = np.eye(6 + 4 * self.predicts)
+    def _moving_memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
+        """The memory where the estimate moves beside the state."""
+        first = 4 + 4 * self.predicts
+        unit = np.eye(first + 2 + (self.delay > 0.0))
         estimate, position = self._estimate(link, unit)
-        total, last = unit[-2:]
+        total, last = unit[first : first + 2]
         integral = total + 0.5 * (last + position)
         used, summed = (unit[4:8], total) if self.latency else (estimate, integral)
         force = -self._gain(link) @ np.vstack([used, summed])
-        return np.vstack([unit[:4], force, used[2], used[1] + used[3], estimate]), np.vstack(
-            [integral, position]
-        )
+        held = [] if self.motors is None else [used[2], used[1] + used[3]]
+        kept = [integral, position, *([force] if self.delay else [])]
+        return np.vstack([unit[:4], unit[first + 2 :], force, *held, estimate]), np.vstack(kept)
 
     def _gain(self, link: float) -> np.ndarray:
         """k (5,) of (z, z′, s, s′) and the integral, in periods."""
@@ -160,26 +163,17 @@ class SampledPairs:
         estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
         return estimate, state[0] if [1.0, 0.0, 0.0, 0.0] in seen.tolist() else estimate[0]
 
-    def radius(
-        self,
-        links: Sequence[float],
-        errors: np.ndarray,
-        springs: np.ndarray | float = 0.0,
-        slope: np.ndarray | float = 0.0,
-    ) -> float:
-        """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia, E (k, k) of the
-        stiffness, and a slope Γ (k, k) of gravity, mix; of alike motors."""
+    def radius(self, links: Sequence[float], errors: np.ndarray, springs: np.ndarray | float = 0.0) -> float:
+        """Spectral radius of pairs λ (k,) that symmetric errors Δ (k, k) of the inverse inertia and E (k, k) of the
+        stiffness mix; of alike motors."""
         if self.motors is not None:
-            return self.alike.radius(links, errors, springs, slope)
+            return self.alike.radius(links, errors, springs)
         count, roots = len(links), np.sqrt(links) * self.gains.period
         model = _along_diagonal([*map(self.model, links)])
         acting, memory = zip(*map(self.memory, links))
         stiffness, felt = np.eye(count) + springs, errors * np.outer(roots, roots)
-        inertia = np.diag(roots**2) + felt
-        added, falls = inertia @ stiffness - np.diag(roots**2), inertia @ (slope + np.zeros((count, count)))
+        added = (np.diag(roots**2) + felt) @ stiffness - np.diag(roots**2)
         model[1::5, 2::5] += added
-        model[1::5, 0::5] -= falls
-        model[3::5, 0::5] += falls
         motor = self.gains.motor * self.gains.period**2
         model[3::5, 2::5] -= added + motor * (stiffness - np.eye(count))
         reached = _along_diagonal([own[:5] for own in acting])

@@ -80,29 +80,34 @@ def sampled(
     return TaylorMatrix.stacked([[law.state], *before, [queue[0]], *law.added]), TaylorMatrix.stacked(after)
 
 
-def sampled_with_motors(
+def sampled_with_model(
     claim: PairClaim, centre: arb, half: arb
-) -> tuple[TaylorMatrix, TaylorMatrix, TaylorMatrix]:
-    """Of unlike motors the states of the flow by those of the loop, and by n₀ and p₀; and the integral and the last
-    position after a period.
+) -> tuple[TaylorMatrix, TaylorMatrix | None, TaylorMatrix]:
+    """Where the model moves beside a pair, the states of the flow by those of the loop, and by n₀ and p₀ of unlike
+    motors; and the integral, the last position and an input that waits after a period.
 
-    The law makes motors alike by the state that it acts on: the estimate, or with a latency the prediction.
+    The law acts on the estimate, or with a latency on the prediction, and by this state it makes motors alike.
     """
-    assert claim.motors is not None
-    law, names = LawAtSample(claim, centre, half), sampled_names(claim.motors)
+    law, names = LawAtSample(claim, centre, half), sampled_names(claim.motors) if claim.motors else []
     known, integral = (law.predicted, law.total) if claim.latency else (law.estimate, law.integral)
-    speed = known.rows(1, 2) + known.rows(3, 4)
+    force, speed, first = law.force(known, integral), known.rows(1, 2) + known.rows(3, 4), 4
     nothing = TaylorMatrix.of([[0] * claim.states])
-    begun = [known.rows(2, 3), nothing, speed, nothing][: len(names)]
-    acting = [law.state, law.force(known, integral), *begun, law.estimate]
-    size = 5 + len(names) + 4 + claim.added
+    begun, after = [law.state, force], [law.integral, law.position]
+    if claim.delay:
+        place, first = 6 + 4 * claim.with_prediction, 5
+        begun.insert(1, law.unit.rows(place, place + 1))
+        after.append(force)
+    begun += [known.rows(2, 3), nothing, speed, nothing][: len(names)]
+    acting = TaylorMatrix.stacked([*([part] for part in (*begun, law.estimate)), *law.added])
+    memory = TaylorMatrix.stacked([[part] for part in after])
+    if not names:
+        return acting, None, memory
+    size = first + 1 + len(names) + 4 + claim.added
     # n₀, p₀, and what the law leaves of them, as an input.
-    places, force = np.zeros((size, len(names) // 2), dtype=int), np.zeros((size, 1), dtype=int)
-    force[4], weights = 1, [arb(-1), -1 / (arb(claim.motor) * arb(claim.period) ** 2)]
+    places, entry = np.zeros((size, len(names) // 2), dtype=int), np.zeros((size, 1), dtype=int)
+    entry[first], weights = 1, [arb(-1), -1 / (arb(claim.motor) * arb(claim.period) ** 2)]
     for k in range(len(names) // 2):
-        places[6 + 2 * k, k] = 1
+        places[first + 2 + 2 * k, k] = 1
     left = TaylorMatrix.of([[1]]) - law.gains.columns(5, 6)
     row = left @ TaylorMatrix.of([weights[: len(names) // 2]])
-    chosen = TaylorMatrix.of(places.tolist()) + TaylorMatrix.of(force.tolist()) @ row
-    memory = TaylorMatrix.stacked([[law.integral], [law.position]])
-    return TaylorMatrix.stacked([*([part] for part in acting), *law.added]), chosen, memory
+    return acting, TaylorMatrix.of(places.tolist()) + TaylorMatrix.of(entry.tolist()) @ row, memory

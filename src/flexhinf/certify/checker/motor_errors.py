@@ -53,19 +53,16 @@ def input_names(motors: MotorsClaim) -> list[str]:
 def add_motors(
     forms: WorstForms, claim: PairClaim, motors: MotorsClaim, stretched: Linear, rate: Linear
 ) -> Linear:
-    """Add the model, and what unlike motors gain with a twist x and its rate; what is less in w″ by them."""
+    """Add what unlike motors do to the model, and gain with a twist x and its rate; what is less in w″ by them."""
     h = arb(claim.period)
-    kappa, beta = arb(claim.motor) * h**2, arb(claim.damping) * h
-    z, push, twist, turn = (forms[name] for name in MODEL)
+    kappa = arb(claim.motor) * h**2
+    _, push, twist, turn = (forms[name] for name in MODEL)
     known, unknown, friction, more = (forms[name] for name in (*TWIST_INPUTS, *SPEED_INPUTS))
     twist_sampled, n_sampled, speed_sampled, p_sampled = (
         forms[name] for name in (*TWIST_SAMPLED, *SPEED_SAMPLED)
     )
     slowed = kappa * known + friction
-    driven = arb(claim.input) * h**2 * forms["force"] - beta * (turn + push) - slowed
-    for state, moved in ((z, push), (twist, turn), (turn, driven - kappa * twist)):
-        add(forms.moved[0], state, moved)
-    add(forms.moved[1], push - turn, twist)
+    add(forms.moved[0], turn, -slowed)
     unforeseen, whole = stretched - twist, known + unknown + n_sampled
     parts = (twist - twist_sampled, known), (unforeseen, unknown), (twist_sampled, n_sampled)
     _add_parts(forms, motors, parts)

@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 LOOP = ["period", "motor", "damping", "holding", "input", "rate", "delay"]
 ERRORS = ["lower", "upper", "softer", "stiffer", "falling", "holding_up"]
 SPRING_WEIGHTS = ["spring_multiplier", "twist_weight", "rate_weight", "lift"]
-SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift"]
+SLOPE_WEIGHTS = ["slope_multiplier", "place_weight", "slope_rate_weight", "slope_lift", "prediction_weight"]
 DAMPING_WEIGHTS = ["damping_weight", "damping_rate_weight", "damping_lift"]
 MULTIPLIERS = ["multiplier", *SPRING_WEIGHTS, *SLOPE_WEIGHTS, *DAMPING_WEIGHTS]
 BESIDE_SPRINGS = ["lower", "upper", "falling", "holding_up", "spring_damping"]
@@ -109,12 +109,14 @@ class PairClaim(NamedTuple):
     place_weight: float
     slope_rate_weight: float
     slope_lift: float
+    prediction_weight: float  # and of the slope in the model that predicts; 0 where none does
     spring_damping: float  # β, s
     damping_weight: float  # these three of damped springs
     damping_rate_weight: float
     damping_lift: float
     any_motion: bool  # whether gravity is any function with such slopes, of one joint
     filters: np.ndarray  # (k, 3), p, σ and c of each filter of the multiplier
+    prediction_filters: np.ndarray  # (k, 3), ϖ, μ and c of sectors of the model's slope behind s/(s + ϖ)
     motors: MotorsClaim | None  # None where motors are alike
     rate: float  # α, 1/s
     delay: float  # θ₁, samples: the unknown delay is between 0 and this
@@ -126,26 +128,37 @@ class PairClaim(NamedTuple):
     def exact(self) -> PairClaim:
         """The law and the loop without errors, rate and unknown delay, with motors alike."""
         errors = dict.fromkeys((*ERRORS, "spring_damping", "multiplier", "rate", "delay"), 0.0)
-        return self._replace(**errors, filters=np.zeros((0, 3)), motors=None)
+        none = np.zeros((0, 3))
+        return self._replace(**errors, filters=none, prediction_filters=none, motors=None)
 
     @property
     def states(self) -> int:
         """n, of the loop of a pair, and what errors add."""
-        waiting = 0 if self.motors else self.latency
+        waiting = 0 if self.model_moves else self.latency
         return 6 + (self.delay > 0.0) + waiting + 4 * self.with_prediction + self.added
 
     @property
+    def predicts_slope(self) -> bool:
+        """Whether a model with gravity's slope predicts: that of a filter, or one over a latency."""
+        return self.with_slope and (self.seen is not None or self.latency > 0)
+
+    @property
+    def model_moves(self) -> bool:
+        """Whether the model moves beside the pair within a period, as errors enter it."""
+        return self.motors is not None or self.predicts_slope
+
+    @property
     def with_prediction(self) -> bool:
-        """Whether the model's prediction is a state of the loop: that of a filter, or one by which unlike motors with a
-        latency are made alike."""
-        return self.seen is not None or (self.motors is not None and self.latency > 0)
+        """Whether the model's prediction is a state of the loop: that of a filter, or over a latency where the model
+        moves beside the pair."""
+        return self.seen is not None or (self.model_moves and self.latency > 0)
 
     @property
     def added(self) -> int:
         """States that errors add: two of each filter, e where springs and others have errors, p where gravity has a
         slope, b where springs are damped."""
         of_motors = len(self.motors.filters) + len(self.motors.error_filters) if self.motors else 0
-        filters = len(self.filters) + of_motors
+        filters = len(self.filters) + of_motors + len(self.prediction_filters)
         return 2 * filters + self.with_springs + self.with_slope + self.with_damping
 
     @property
@@ -186,7 +199,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
     with refused_as_damaged("certificate of a workspace"):
         one = {name: float(finite_numbers(numbers[name], 0)) for name in SCALARS}
-        filters = _filters(numbers["filters"])
+        filters, of_slope = _filters(numbers["filters"]), _filters(numbers["prediction_filters"])
         latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
             raise ValueError(f"latency {latency!r}")
@@ -216,6 +229,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             filter_range=ends,
             any_motion=any_motion,
             filters=filters,
+            prediction_filters=of_slope,
             motors=motors,
             links=links,
             delays=delays,
@@ -277,6 +291,15 @@ def _check_ranges(claim: PairClaim) -> None:
                 "slope_rate_weight",
                 one["slope_rate_weight"] > 0.0 or (one["slope_rate_weight"] == 0.0 and not slope),
             ),
+            ("prediction_weight", (one["prediction_weight"] > 0.0) == claim.predicts_slope),
+            ("prediction_weight", one["prediction_weight"] >= 0.0),
+            ("prediction_filters", (claim.prediction_filters[:, 0] > 0.0).all()),
+            ("prediction_filters", (claim.prediction_filters[:, 1] >= 0.0).all()),
+            (
+                "prediction_filters",
+                not len(claim.prediction_filters) or (claim.predicts_slope and not any_motion),
+            ),
+            ("latency", claim.latency <= 1 or not claim.predicts_slope),
             ("spring_damping", one["spring_damping"] >= 0.0),
             ("damping_weight", one["damping_weight"] >= 0.0),
             # b ḃ ≥ 0 stands with 2τ less this weight

@@ -30,11 +30,12 @@ from flexhinf.certify.checker.taylor_matrix import TaylorMatrix, taylor_row
 from flexhinf.certify.checker.worst_forms import Linear, WorstForms, add, add_twice
 
 #: States that grow with a rate: what others are, they are of the signals that grow.
-GROWING = [*PAIR, "force", *TWIST_SAMPLED, *SPEED_SAMPLED, *MODEL]
+GROWING = [*PAIR, "force", "force before", *TWIST_SAMPLED, *SPEED_SAMPLED, *MODEL]
 
 
 #: States and inputs that only some pairs have.
-SOMETIMES = ["e", "p", "b", "v", "q", "rate of b", *TWIST_SAMPLED, *SPEED_SAMPLED, *SPEED_INPUTS, *MODEL]
+OF_MOTORS = [*TWIST_SAMPLED, *SPEED_SAMPLED, *SPEED_INPUTS]
+SOMETIMES = ["e", "p", "b", "v", "q", "rate of b", "force before", "model p", *MODEL, *OF_MOTORS]
 
 
 class Flow(NamedTuple):
@@ -58,14 +59,20 @@ class Channel(NamedTuple):
 def flow_states(claim: PairClaim) -> list[str]:
     """Names of the states of a pair within a period: what stays over it follows the first four."""
     motors = claim.motors
-    filters = [f"{end} {k}" for k in range(len(claim.filters)) for end in ("seen", "answer")]
+    filters, predicted = (
+        [f"{end} {name}{k}" for k in range(len(own)) for end in ("seen", "answer")]
+        for name, own in (("", claim.filters), ("p ", claim.prediction_filters))
+    )
     there = ("e", claim.with_springs), ("p", claim.with_slope), ("b", claim.with_damping)
     return [
         *PAIR,
+        *(["force before"] if claim.delay else []),
         "force",
-        *(sampled_names(motors) + MODEL if motors else []),
+        *(sampled_names(motors) if motors else []),
+        *(MODEL if claim.model_moves else []),
         *filters,
         *(filter_names(motors) if motors else []),
+        *predicted,
         *(name for name, is_there in there if is_there),
     ]
 
@@ -73,12 +80,13 @@ def flow_states(claim: PairClaim) -> list[str]:
 class PairForms(WorstForms):
     """Matrices of a pair with its errors."""
 
-    def __init__(self, claim: PairClaim) -> None:
+    def __init__(self, claim: PairClaim, acts: str = "force") -> None:
         there = ("v", claim.with_springs), ("q", claim.with_slope), ("rate of b", claim.with_damping)
         inputs = [name for name, is_there in there if is_there]
+        inputs += ["model p"] if claim.predicts_slope else []
         inputs += input_names(claim.motors) if claim.motors else []
         super().__init__(flow_states(claim), inputs, SOMETIMES)
-        self._claim = claim
+        self._claim, self._force = claim, arb(claim.input) * arb(claim.period) ** 2 * self[acts]
         # Of what errors gain and of S a factor of 1/(λh²), or of 1/(λh² + κh²) where springs alone have errors.
         self.shared_gained, self.shared_shift = (np.zeros_like(self.shift[0]) for _ in range(2))
         self.offset = arb(claim.motor) * arb(claim.period) ** 2 if claim.springs_alone else arb(0)
@@ -97,7 +105,9 @@ class PairForms(WorstForms):
         r, o = turn + alpha * twist, push + alpha * z
         rate = r + v + damper_rate
         # What else than the twist of the spring turns s: ṙ without −λ(s + e + b − p) − κ(s + e + b).
-        driven = arb(claim.input) * h**2 * self["force"] - nu * (twist + z) - beta * (turn + push)
+        driven = self._force - nu * (twist + z) - beta * (turn + push)
+        if claim.model_moves:
+            self._foresee(kappa, beta, nu)
         if claim.motors is not None:
             driven = driven - add_motors(self, claim, claim.motors, stretched, rate)
         felt, beside, heavy = (
@@ -143,6 +153,22 @@ class PairForms(WorstForms):
             damper, rate = self["b"], self["rate of b"]
             self._channel(Channel(damper, turn, rate, self.none, sector, _balls(*weights)))
 
+    def _foresee(self, kappa: arb, beta: arb, nu: arb) -> None:
+        """The motion of the model, which knows the new input, with a slope of gravity of its own."""
+        claim, fall = self._claim, self["model p"]
+        z, push, twist, turn = (self[name] for name in MODEL)
+        force = arb(claim.input) * arb(claim.period) ** 2 * self["force"]
+        driven = force - nu * (twist + z) - beta * (turn + push) - kappa * twist
+        for state, moved in ((z, push), (twist, turn), (turn, driven)):
+            add(self.moved[0], state, moved)
+        add(self.moved[1], push - turn, twist - fall)
+        ends = arb(claim.falling), arb(claim.holding_up)
+        self.sector(arb(claim.prediction_weight), fall, z, ends)
+        for k, (pole, weight, lift) in enumerate(claim.prediction_filters.tolist()):
+            seen, answer = (self[f"{end} p {k}"] for end in ("seen", "answer"))
+            self.filter((f"seen p {k}", f"answer p {k}"), z, fall, (pole, 0.0, lift))
+            self.sector(arb(weight), fall - arb(pole) * answer, z - arb(pole) * seen, ends)
+
     def _input(self, felt: Linear, still: Linear, grown: Linear) -> None:
         """What errors of masses do, or of springs alone, and what they gain through filters: in periods d/√λ enters
         with λh², and e with a constant beside."""
@@ -176,9 +202,9 @@ class PairForms(WorstForms):
         self.sector(rate_weight, one.error_rate, one.rate, one.sector)
 
 
-def pair_flow(claim: PairClaim, centre: arb, half: arb) -> Flow:
-    """The flow of a pair with λ = centre + half·u, in 1/s²."""
-    forms, h = PairForms(claim), arb(claim.period)
+def pair_flow(claim: PairClaim, centre: arb, half: arb, acts: str = "force") -> Flow:
+    """The flow of a pair with λ = centre + half·u, in 1/s², on which an input acts."""
+    forms, h = PairForms(claim, acts), arb(claim.period)
     middle, wide = h**2 * centre, h**2 * half
 
     def grown(parts: list[arb_mat]) -> TaylorMatrix:
@@ -188,7 +214,7 @@ def pair_flow(claim: PairClaim, centre: arb, half: arb) -> Flow:
             (0, 0): first + second * middle + third * middle**2,
             (1, 0): (second + third * (2 * middle)) * wide,
         }
-        squares = claim.any_motion or claim.springs_alone
+        squares = claim.any_motion or claim.springs_alone or claim.predicts_slope
         return TaylorMatrix(terms | ({(2, 0): third * wide**2} if squares else {}))
 
     def shared(part: np.ndarray) -> TaylorMatrix:
@@ -205,6 +231,12 @@ def pair_flow(claim: PairClaim, centre: arb, half: arb) -> Flow:
         shift += shared(forms.shared_shift)
     hamiltonian = TaylorMatrix.stacked([[m, grown(one.entry)], [-q, -m.transpose()]])
     return Flow(hamiltonian, shift)
+
+
+def late_flow(before: TaylorMatrix, after: TaylorMatrix, centre: arb, half: arb) -> TaylorMatrix:
+    """The flow over a period by the matrices of what acts until θ = centre + half·v, and of what acts then."""
+    first = before.times(centre).exponential() @ before.along(arb(0), half).exponential()
+    return after.times(1 - centre).exponential() @ after.along(arb(0), -half).exponential() @ first
 
 
 def free_flow(claim: PairClaim, centre: arb, half: arb) -> TaylorMatrix:

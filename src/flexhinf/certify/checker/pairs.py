@@ -23,11 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-from flexhinf.certify.checker.at_samples import sampled, sampled_with_motors
+from flexhinf.certify.checker.at_samples import sampled, sampled_with_model
 from flexhinf.certify.checker.congruence import middles, near_unit, towards_unit
-from flexhinf.certify.checker.late_inputs import late_flow, with_input_before
 from flexhinf.certify.checker.pair_claim import PairClaim
-from flexhinf.certify.checker.pair_flow import free_flow, pair_flow
+from flexhinf.certify.checker.pair_flow import free_flow, late_flow, pair_flow
 from flexhinf.certify.checker.taylor_matrix import (
     NO_ENCLOSURE,
     TaylorMatrix,
@@ -181,7 +180,8 @@ def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb
     one, alpha = pair_flow(claim, centre, half), arb(claim.rate) * arb(claim.period)
     shift, n, added = one.shift, claim.states, claim.added
     if claim.delay:
-        flow, shift = late_flow(one.hamiltonian, alpha, *late), with_input_before(shift)
+        before = pair_flow(claim, centre, half, "force before")
+        flow = late_flow(before.hamiltonian, one.hamiltonian, *late)
     else:
         flow = one.hamiltonian.exponential()
     size = shift.constant.nrows()
@@ -190,15 +190,15 @@ def _loop(claim: PairClaim, centre: arb, half: arb, late: tuple[arb, arb] = (arb
     end = shift @ y + d
     inverse = end.inverse()
     worst = _WorstPeriod(inverse.transpose(), inverse @ (end @ shift - shift @ x - c), y @ inverse)
-    if claim.motors is None:
-        acting, memory = sampled(claim, centre, half, free_flow(claim, centre, half))
+    if claim.model_moves:
+        acting, chosen, memory = sampled_with_model(claim, centre, half)
+        worst = worst if chosen is None else _with_chosen(worst, chosen)
     else:
-        acting, chosen, memory = sampled_with_motors(claim, centre, half)
-        worst = _with_chosen(worst, chosen)
+        acting, memory = sampled(claim, centre, half, free_flow(claim, centre, half))
     # Rows of the flow's states that the worst moves, and where the loop has these.
     places, first = np.zeros((size, n), dtype=int), 4
     places[range(4), range(4)] = places[range(size - added, size), range(n - added, n)] = 1
-    if claim.motors is not None and claim.with_prediction:
+    if claim.model_moves and claim.with_prediction:
         places[range(size - added - 4, size - added), range(4, 8)], first = 1, 8
     moves = TaylorMatrix.of(places.tolist())
     kept = TaylorMatrix.of(np.eye(n, dtype=int)[first : n - added].T.tolist())

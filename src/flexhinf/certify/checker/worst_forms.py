@@ -10,6 +10,7 @@ squares in the end.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ class WorstForms:
         """With squares of the inputs completed; ZeroDivisionError where their weight is not shown to be positive, and
         ValueError where inputs have other factors than those of which squares are completed here."""
         n = self._count
-        left = [self.gained[2][n:], *(part[:, n:] for part in (*self.moved[1:], *self.shift))]
+        left = [self.gained[2][n:], *(part[:, n:] for part in (*self.moved[2:], *self.shift))]
         left += [*(part[n:, n:] for part in self.gained[1:]), *(part[n:] for part in self.moved)]
         if not all(_is_zero(entry) for part in left for entry in part.ravel().tolist()):
             raise ValueError("inputs of the worst with other factors")
@@ -85,13 +86,13 @@ class WorstForms:
         weight = -_entries(self.gained[0][n:, n:])
         if not positive_definite(weight):
             raise ZeroDivisionError("inputs of the worst without a positive weight")
-        drives, inverse = _entries(self.moved[0][:n, n:]), weight.inv()
+        inverse = weight.inv()
+        drives = [_entries(part[:n, n:]) for part in self.moved[:2]]
         beside = [_entries(part[n:, :n]) for part in self.gained[:2]]
-        entry[0] += drives * inverse * drives.transpose()
-        for k, one in enumerate(beside):
-            moved[k] += drives * inverse * one
-            for l, other in enumerate(beside):
-                gained[k + l] += one.transpose() * inverse * other
+        for k, l in product(range(2), repeat=2):
+            entry[k + l] += drives[k] * inverse * drives[l].transpose()
+            moved[k + l] += drives[k] * inverse * beside[l]
+            gained[k + l] += beside[k].transpose() * inverse * beside[l]
         return Completed(moved, entry, gained)
 
 

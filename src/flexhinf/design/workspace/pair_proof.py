@@ -229,6 +229,7 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
         **dict(zip(DAMPING_WEIGHTS, multipliers.damping[1:])),
         "any_motion": storages.errors.any_motion,
         "filters": [list(one) for one in multipliers.filters],
+        "prediction_filters": [list(one) for one in multipliers.prediction_filters],
         "motors": _motor_numbers(storages),
         "rate": float(storages.rate),
         "intervals": intervals,
