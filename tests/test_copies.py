@@ -198,6 +198,9 @@ def test_what_is_beside_begins_when_a_processor_is_free():
         with beside(late) as first, beside(os.getpid) as second:
             shared_out(lambda k: ended() if k == 2 else k, range(5), compiles=False)
             assert second() not in (OWN, first())
+        with beside(late) as first, beside(os.getpid) as second:
+            ended()
+            assert first() not in (OWN, second())  # the result of the first begins the second
     assert open_files() == before
     assert no_child_is_left()
     for end in go:

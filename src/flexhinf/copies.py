@@ -89,8 +89,8 @@ def shared_out(
 def beside(function: Callable[[], Result]) -> Generator[Callable[[], Result]]:
     """A function that gives the result of another one, which a copy computes while this process goes on.
 
-    It begins when a processor is free, which is asked here and before each item of `shared_out`; meanwhile that has one
-    process less. Where there is no copy, the result is computed when it is asked for.
+    It begins when a processor is free, which is asked here, before each item of `shared_out`, which meanwhile has one
+    process less, and with each result. Where there is no copy, the result is computed when it is asked for.
     """
     own = _Beside(function)
     try:
@@ -160,6 +160,7 @@ class _Beside(Generic[Result]):
             thread.join()
         if 0 not in self._results:
             self._results[0] = self._function()
+        _begin_waiting()
         return self._results[0]
 
     def end(self) -> None:
