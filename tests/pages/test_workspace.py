@@ -189,12 +189,15 @@ def test_files_stand_in_the_order_of_their_numbers():
 
 @pytest.mark.ci("draws a report once more")
 def test_what_was_drawn_and_saved_before_makes_the_same_report(design):
-    early, whole = EarlyParts(), judged_by(design)
-    files = design_files(whole, (), early=early)
-    with early.meanwhile(design):
-        assert not early.runs
-    assert design_files(whole, (), early=early) == files
-    assert len(early.runs) == len(design.moves)
+    whole = judged_by(design)
+    files = design_files(whole, ())
+    with EarlyParts() as early:
+        early.begin(design)
+        assert design_files(whole, (), early=early) == files
+    assert [*design_files(whole, (), early=early).items()] == [
+        *files.items()
+    ]  # once more, with what was tried
+    assert len(early.runs()) == len(design.moves)
 
 
 def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolerated):

@@ -6,7 +6,8 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
@@ -81,11 +82,12 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
     ending = [("report", 2.5)]
-    begun, command, early = cpu_seconds(), reproduce_command(context), list[pages.EarlyParts]()
+    begun, command, others = cpu_seconds(), reproduce_command(context), ExitStack()
+    early: list[pages.EarlyParts] = []
 
-    def meanwhile(evidence: WorkspaceEvidence) -> AbstractContextManager[object]:
-        early.append(pages.EarlyParts())  # pages are loaded only now, while another process computes
-        return early[0].meanwhile(evidence)
+    def meanwhile() -> Callable[[WorkspaceEvidence], None]:
+        early.append(others.enter_context(pages.EarlyParts()))  # pages are loaded only now
+        return early[0].begin
 
     def written(result: fh.Design, advice: Advice | None = None) -> None:
         files = pages.design_files(result, command, request.warnings, ("design.toml",), advice, *early)
@@ -95,7 +97,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
             files[RIGID_FILE] = robot_text(rigid, folder)
         report.write(folder, files, origins)
 
-    with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
+    with others, step_progress([*stages(request.robot, request.specification), *ending]) as progress:
         result = design_with(request.robot, request.specification, progress, meanwhile)
         progress("report")
         keep(folder, other)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -202,9 +201,9 @@ def design_with(
     robot: Robot,
     specification: Specification | None,
     progress: Progress | None,
-    meanwhile: Meanwhile = nullcontext,
+    meanwhile: Meanwhile = lambda: lambda evidence: None,
 ) -> Design:
-    """As `design`; of a design for a workspace `meanwhile` is entered while is computed what it tolerates."""
+    """As `design`; of a design for a workspace `meanwhile` begins what is done while is computed what it tolerates."""
     s, progress = checked_specification(robot, specification), progress or silent
     if is_for_workspace(s):
         return judged_by(design_workspace(robot, s, progress, meanwhile=meanwhile))

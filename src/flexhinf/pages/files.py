@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext, suppress
+from dataclasses import asdict, replace
+from functools import cache, partial
 from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
@@ -38,6 +37,7 @@ from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, design_tables, files_section, input_rows, notes, verdict
+from flexhinf.pages.saved import saved_files
 from flexhinf.pages.terminal import Ending, comparison_ending, design_ending
 from flexhinf.pages.workspace import Pictures, workspace_numbers, workspace_page, workspace_pictures
 from flexhinf.pages.workspace_comparison import laws_details, laws_ending, laws_numbers, laws_page
@@ -75,32 +75,28 @@ def design_files(
     tried after a design for a workspace, and `early` has its figures and runs, where there are any.
     """
     parts = _parts_of(design, command, warnings, advice, early)
-    runs: Mapping[str, bytes] = {} if early is None else early.runs
-    saves = {"controller": design.controller().save} | ({} if runs else _run_files(parts.runs))
-    with _saved(saves) as saved:
-        page = parts.page()  # with its figures, while another process writes the runs
-        own = {**saved(), **runs}
-    files = {"design.json": to_json(parts.numbers), **own, **parts.proofs}
+    with nullcontext(early.runs) if early else saved_files(_run_files(parts.runs)) as runs:
+        # while another process writes the runs
+        page, numbers = parts.page(), to_json(parts.numbers)
+        with saved_files({"controller": design.controller().save}, beside=False) as controller:
+            files = {"design.json": numbers, **controller(), **runs(), **parts.proofs}
     page = replace(page, sections=(*page.sections, files_section((*files, *beside))))
     return {"index.html": page.html(), **files}
 
 
-@dataclass
-class EarlyParts:
-    """The figures and the runs of a report on a design for a workspace; none before `meanwhile`."""
+class EarlyParts(ExitStack):
+    """The figures and the runs of a report on a design for a workspace, by functions that wait for them.
 
-    pictures: Pictures | None = None
-    runs: Mapping[str, bytes] = field(default_factory=dict[str, bytes])  # contents of files by name
+    Where there are other processes, these draw and save them from `begin` on.
+    """
 
-    @contextmanager
-    def meanwhile(self, evidence: WorkspaceEvidence) -> Generator[None]:
-        """Draw and save them, by other processes where there are several."""
-        with (
-            copies.beside(lambda: workspace_pictures(evidence)) as pictures,
-            _saved(_run_files(_moves_of(evidence))) as runs,
-        ):
-            yield
-            self.runs, self.pictures = runs(), pictures()
+    pictures: Callable[[], Pictures]
+    runs: Callable[[], Mapping[str, bytes]]  # contents of files by name
+
+    def begin(self, evidence: WorkspaceEvidence) -> None:
+        """Begin both; when this is left, they are known or given up."""
+        self.pictures = self.enter_context(copies.beside(lambda: workspace_pictures(evidence)))
+        self.runs = cache(self.enter_context(saved_files(_run_files(_moves_of(evidence)))))
 
 
 class _Parts(NamedTuple):
@@ -120,7 +116,7 @@ def _parts_of(
     evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
         moves = _moves_of(evidence)
-        pictures = early and early.pictures
+        pictures = early and early.pictures()
         page = partial(workspace_page, evidence, command, warnings, advice=advice, pictures=pictures)
         proved = evidence.proof
         proofs = {} if proved is None else {PROOF_FILE: to_json(workspace_proof_numbers(proved))}
@@ -186,7 +182,7 @@ def comparison_files(
         for name, response in _responses(row.evaluation).items()
     }
     numbers = comparison_numbers(comparison, verdict)
-    with _saved(saved) as contents:
+    with saved_files(saved) as contents:
         files = {"comparison.json": to_json(numbers), **contents()}
     page = comparison_page(comparison, command, warnings, (*files, *beside), verdict)
     return {"index.html": page.html(), **files}
@@ -241,29 +237,6 @@ def ending(design: Design, advice: Advice | None = None) -> Ending:
     if isinstance(evidence, WorkspaceEvidence):
         return workspace_ending(evidence, advice)
     return design_ending(evidence)
-
-
-@contextmanager
-def _saved(files: Mapping[str, Callable[[Path], object]]) -> Generator[Callable[[], dict[str, bytes]]]:
-    """A function that gives the contents of files, which another process writes meanwhile where there are several."""
-    with TemporaryDirectory() as folder, copies.beside(lambda: _save(files, folder)) as names:
-        yield lambda: _contents(names(), folder)
-
-
-def _save(files: Mapping[str, Callable[[Path], object]], folder: str) -> list[str]:
-    """Write files into a folder; returns the names of those that can be written."""
-    names: list[str] = []
-    for name, save in files.items():
-        path = Path(folder) / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(InvalidInput):  # what cannot be written, as a law that is code, is left out
-            save(path)
-            names.append(name)
-    return names
-
-
-def _contents(names: Sequence[str], folder: str) -> dict[str, bytes]:
-    return {name: (Path(folder) / name).read_bytes() for name in names}
 
 
 def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:

@@ -8,7 +8,7 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 
 from flexhinf.copies import beside, shared_out
@@ -58,8 +58,9 @@ PROOF_STEPS = 60
 #: How the step begins that looks at all poses together.
 TOLERATED = "what holds for all poses"
 
-#: Something that is done with a design while more is computed of it.
-Meanwhile = Callable[[WorkspaceEvidence], AbstractContextManager[object]]
+#: Called while another process computes, to load what will be needed. What it gives is called with the design, before
+#: more is computed of it.
+Meanwhile = Callable[[], Callable[[WorkspaceEvidence], object]]
 
 #: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
 Watch = Callable[[Sequence[Requirement]], None]
@@ -92,7 +93,7 @@ def design_workspace(
         finds again are taken from it.
     meanwhile : callable, optional
         Where it is stated, what the controller tolerates beyond its requirements is computed too, some of it while the
-        law is judged; then this is entered with the design.
+        law is judged; see `Meanwhile`.
 
     Raises
     ------
@@ -107,10 +108,11 @@ def design_workspace(
     if meanwhile is None:
         return judged_design(setup, progress, watch, like, changed, proof=proof)
     with pair_results(setup) as pairs:
+        begin = meanwhile()
         evidence = judged_design(setup, progress, watch, like, changed, proof=proof, pairs=pairs)
         progress(f"{TOLERATED}: margins, and a proof")
-        with meanwhile(evidence):
-            evidence.look_beyond()
+        begin(evidence)
+        evidence.look_beyond()
     return evidence
 
 
