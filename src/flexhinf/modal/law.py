@@ -41,7 +41,7 @@ from flexhinf.plant.joints import (
     link_compliance,
 )
 from flexhinf.plant.series import FUNCTIONS, SpringSeries
-from flexhinf.validation import checked_array, checked_positive
+from flexhinf.validation import checked_array, checked_positive, read_only
 
 #: Poses at which λ is sampled, uniform within the joints' limits, and their seed.
 POSES, SEED = 500, 0
@@ -66,6 +66,11 @@ def compliances(plant: Plant, poses: ArrayLike) -> np.ndarray:
     """M⁻¹ (N, n, n) at link positions (N, n), without rotors."""
     compliance, p = link_compliance(plant), plant.parameters.vector()
     return np.array([compliance.matrix(q, p) for q in np.atleast_2d(poses)])
+
+
+@lru_cache(4)  # a search tries one bandwidth after another at the same poses
+def _kept_compliances(plant: Plant, poses: bytes) -> np.ndarray:
+    return read_only(compliances(plant, np.frombuffer(poses).reshape(-1, len(plant.inputs))))
 
 
 def modes(plant: Plant, poses: ArrayLike, stiffness: np.ndarray) -> np.ndarray:
@@ -167,7 +172,7 @@ class ModalLaw(PosedLaw):
         poses = workspace(plant) if poses is None else np.atleast_2d(np.asarray(poses, dtype=float))
         what, advice = "The poses do not fit the robot.", "one row of link positions per pose"
         poses = checked_array(what, poses, (len(poses), n), f"(N, {n}) numbers", advice)
-        matrices = compliances(plant, poses)
+        matrices = _kept_compliances(plant, poses.tobytes())
         check_folded(plant, joints, matrices, period)
         found = _squares(matrices, joints.stiffness)
         rates = joints.pair_rates

@@ -25,7 +25,7 @@ limit λ → ∞.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -84,18 +84,23 @@ class Pair(NamedTuple):
 
     def held(self, duration: float) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (5, 5) and (5, 3) of x after a duration (s), by x before it and by (f, d_z, d_w) held over it."""
-        from scipy.linalg import expm
-
-        a, b, g = self.matrices
-        whole = np.zeros((8, 8))
-        whole[:5] = np.hstack([a, b, g])
-        moved = expm(whole * duration)
-        return moved[:5, :5], moved[:5, 5:]
+        return _held(self, duration)
 
     def modes(self, gains: np.ndarray, period: float) -> np.ndarray:
         """Modes (5,), in the z plane, of the loop f = −gains · x sampled with a period (s); gains (5,), x is known."""
         moved, driven = self.held(period)
         return np.linalg.eigvals(moved - np.outer(driven[:, 0], gains))
+
+
+@lru_cache(500)  # laws of several weights are judged at the same pairs
+def _held(pair: Pair, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.linalg import expm
+
+    a, b, g = pair.matrices
+    whole = np.zeros((8, 8))
+    whole[:5] = np.hstack([a, b, g])
+    moved: np.ndarray = expm(whole * duration)
+    return read_only((moved[:5, :5], moved[:5, 5:]))
 
 
 def smallest_damping(modes: np.ndarray, period: float, fastest: float = np.inf) -> float:
@@ -273,7 +278,9 @@ def pair_gains(
     )
     fastest = max(low, min(high, (FOLDED / period) ** 2 - motor))
     pairs = [Pair(min(link, fastest), motor, damping, holding, gain) for link in grid]
-    rows = np.array(shared_out(lambda pair: weights.gains(pair, period), pairs, compiles=False))
+    # The fastest pairs take longest, so they are the first.
+    found = shared_out(lambda pair: weights.gains(pair, period), pairs[::-1], compiles=False)
+    rows = np.array(found[::-1])
     # Stiffness and damping against the base are sums, much smaller than their parts where pairs are fast.
     rows[:, :2] += rows[:, 2:4]
     rows = np.column_stack([rows, weights.slowness(grid)])
