@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design.workspace.search import LESS, ChosenPoses
+from flexhinf.design.workspace.search import LESS, ChosenPoses, _Judging
 from flexhinf.processors import limited_threads
 
 SETUPS, POSES = 6, 5
@@ -66,6 +66,25 @@ def test_a_candidate_that_fails_at_a_pose_is_judged_at_no_other():
     assert found == [None] * SETUPS
     last = [(k, POSES - 1) for k in range(2, SETUPS)]
     assert poses.judged == [(0, 0), *((1, pose) for pose in range(POSES)), *last]
+
+
+def test_a_process_begins_no_candidate_that_another_one_has_begun():
+    """A candidate whose first pose is not judged yet waits, unless there is no other."""
+    judging, order = _Judging(3, 2, [0.5] * 4), list[int]()
+
+    def turn(number: int) -> int:
+        k, limit = judging.next(number) or (-1, None)
+        if k >= 0:
+            pose = int(judging.begun[k].argmin())
+            judging.begun[k, pose] = True
+            if order:  # the first one is still on its way
+                judging.fails(k, pose, np.full(4, float(k == 1)), limit)
+        order.append(k)
+        return k
+
+    assert [turn(k) for k in range(5)] == [0, 1, 2, 2, 0]
+    judging.fails(0, 0, np.zeros(4), [0.5] * 4)
+    assert turn(5) == -1
 
 
 def test_turns_that_a_copy_did_not_take_are_made_up_for(monkeypatch: pytest.MonkeyPatch):

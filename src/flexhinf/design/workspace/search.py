@@ -203,19 +203,6 @@ def _following(chosen: WorkspaceSetup, others: Sequence[WorkspaceSetup]) -> Work
 Chosen = tuple[np.ndarray, Sequence[Mapping[str, Any]]]
 
 
-def _turns(setups: int, poses: int, done: int) -> list[int]:
-    """Whose turn it is, by place: a first pose of each candidate, at which most fail, some time before its others.
-
-    Several processes begin as many candidates more before others of an earlier one's poses follow, which until then is
-    known to have failed or not. `done`: turns of the first candidate that were taken before.
-    """
-    ahead = thread_count() if thread_count() > 1 else 0
-    turns = [*range(min(ahead, setups))]
-    for k in range(setups):
-        turns += [*range(k + ahead, min(k + ahead + 1, setups)), *[k] * (poses - 1)]
-    return turns[done:]
-
-
 class _Judging:
     """What is known of some candidates at some poses, which copies of this process share.
 
@@ -223,24 +210,43 @@ class _Judging:
     """
 
     def __init__(self, setups: int, poses: int, least: list[float] | None) -> None:
-        self._limit = least
+        self._limit, self._processes, self._none_left = least, thread_count(), False
         self.begun = np.frombuffer(mmap.mmap(-1, setups * poses), bool).reshape(setups, poses)
         self._failed = np.frombuffer(mmap.mmap(-1, setups), bool)
         self._excesses = np.frombuffer(mmap.mmap(-1, 32 * setups * poses)).reshape(setups, poses, 4)
         self._excesses[:] = np.nan  # not known yet
 
-    def limit(self, k: int) -> list[float] | None:
-        """What a candidate has to miss less than, by those before it; no less than when all of these are known."""
+    def next(self, turn: int) -> tuple[int, list[float] | None] | None:
+        """The candidate that is to be tried at one more pose, and its limit; None where none is left.
+
+        It is the first that has not failed where it was tried, or that was not tried: at their first pose most fail.
+        Where all of them wait for what another process finds there, it is the first of these. By the number of the
+        turn, processes that begin at once begin with one candidate each.
+        """
+        waiting: tuple[int, list[float] | None] | None = None
+        for k, limit in () if self._none_left else enumerate(self._limits()):
+            begun = self.begun[k]
+            if begun.all() or not self.is_open(k, limit):
+                continue
+            waiting = waiting or (k, limit)
+            tried = not np.isnan(self._excesses[k]).all()
+            if (tried or not begun.any()) and not k < turn < self._processes:
+                return k, limit
+        self._none_left = waiting is None  # nor later: limits fall
+        return waiting
+
+    def _limits(self) -> Iterator[list[float] | None]:
+        """What each candidate has to miss less than, by those before it; no less than when all of these are known."""
         limit, share = self._limit, LESS
-        for failed, found in zip(self._failed[:k].tolist(), self._excesses[:k]):
+        for k, found in enumerate(self._excesses):
+            yield limit
             missed = found.max(axis=0)
-            if failed:
+            if self._failed[k]:
                 continue
             if np.isnan(missed).any():  # by what it misses, others beyond it may not count
                 share = 1.0
             elif limit is None or missed.tolist() < limit:
                 limit = (share * missed).tolist()
-        return limit
 
     def is_open(self, k: int, limit: list[float] | None) -> bool:
         """Whether a candidate may miss less than a limit, by what is known of it."""
@@ -301,16 +307,13 @@ class ChosenPoses:
         before it, or where one before it misses nothing."""
         judging, poses = _Judging(len(setups), len(self._chosen), least), len(self._chosen)
 
-        def turn(k: int) -> tuple[int, int, np.ndarray | Exception] | None:
-            """What a candidate misses at one more pose, the one at which another failed last; None where it has failed,
-            or none is left."""
-            limit = judging.limit(k)
-            if not judging.is_open(k, limit):
+        def turn(number: int) -> tuple[int, int, np.ndarray | Exception] | None:
+            """What a candidate misses at one more pose, that at which another failed last; None where none is left."""
+            if (found := judging.next(number)) is None:
                 return None
+            k, limit = found
             order: list[int] = np.argsort(-self._failed, kind="stable").tolist()
-            pose = next((each for each in order if not judging.begun[k, each]), None)
-            if pose is None:
-                return None
+            pose = next(each for each in order if not judging.begun[k, each])
             judging.begun[k, pose] = True
             try:
                 found = self._excess_at(setups[k], self._chosen[pose], limit)
@@ -323,7 +326,7 @@ class ChosenPoses:
         first = [turn(0)] if len(setups) == 1 else []  # alone: most candidates fail there
         if first and not judging.is_open(0, least):
             return [None]
-        turns = _turns(len(setups), poses, len(first))
+        turns = range(len(first), len(setups) * poses)
         done = [*first, *shared_out(turn, turns, self._tick, compiles=False)]
         found: dict[int, dict[int, np.ndarray | Exception]] = {k: {} for k in range(len(setups))}
         for k, pose, each in filter(None, done):
