@@ -35,7 +35,7 @@ from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 
 #: λ of the programs, and of the last look; the part of the share of alike motors at which motors are as unlike as they
 #: are; a share that is enough.
-LINKS, LOOKED, WHOLE, ENOUGH = 9, 25, 0.1, 1.5
+LINKS, LOOKED, WHOLE, ENOUGH = 9, 25, 0.3, 1.5
 
 #: Logarithms of gains: what is left to one, how far below the largest others are looked at, their ends; and the step of
 #: a slope.
@@ -46,9 +46,9 @@ LEFT, NEAR, ENDS, STEP = -0.01, 1.2, (1e-3, 1e3), 0.01
 #: the largest step of a number.
 FLAT, ADDED, PARTS, FARTHEST = (1.0, 0.1), (0.3, 4.0, 5.0, 1e4), (1.0, 0.5, 0.2), 2.0
 
-#: Programs at most, by how much one has to raise the logarithm of the share, and a round of them the share; the part of
-#: a share at which a round begins.
-PROGRAMS, RAISED, WORTH, ROOM = 300, 0.002, 1.01, 0.9
+#: Programs at most, by how much one has to raise the logarithm of the share, and a round of them the share; parts of a
+#: share at which rounds begin in turn; and at the last look by how much it falls at once.
+PROGRAMS, RAISED, WORTH, ROOMS, LESS = 300, 0.002, 1.01, (0.9, 0.7, 0.5), 0.99
 
 #: The smallest part of a share, and bisections of its logarithm.
 SMALLEST, BISECTIONS = 1e-3, 8
@@ -63,17 +63,20 @@ def motor_tolerance(
         return alike._replace(errors=fixed)
     path = _Path(pairs, shape, fixed, alike)
     share, place = _first(path, alike.share)
-    left, before = PROGRAMS, 0.0
-    while before * WORTH < share < ENOUGH and left > 0:
-        before = share
-        found = _grown(path, ROOM * share, place, left)
+    left, rooms = PROGRAMS, list(ROOMS)
+    while rooms and 0.0 < share < ENOUGH and left > 0:
+        found = _grown(path, rooms.pop(0) * share, place, left)
         left -= found.programs
+        if found.share > WORTH * share:
+            rooms = list(ROOMS)
         if found.share > share:
             share, place = found.share, found.place
+        if share >= path.whole:  # smaller shares are for what would else be no proof
+            rooms = [room for room in rooms if room == ROOMS[0]]
     multipliers = path.multipliers(place)
     every = _Path(pairs, shape, fixed, alike, LOOKED)
     while share >= path.whole and not every.covers(share, multipliers):
-        share *= 1.0 - 0.1 * (1.0 - ROOM)
+        share *= LESS
     share = share if share >= path.whole else 0.0
     return PopovTolerance(path.errors(share), multipliers, share)
 
@@ -178,7 +181,10 @@ class _Path:
         if self._last[0] != part:  # loops keep what they know of each λ
             motors = self._pairs.motors or Motors()
             self._last = part, replace(self._pairs, motors=motors.share(part))
-        return worst_period(self._last[1], link, self.errors(share), multipliers)
+        try:
+            return worst_period(self._last[1], link, self.errors(share), multipliers)
+        except np.linalg.LinAlgError:  # an end at which errors gain without bound
+            return WorstPeriod.unbounded(1)
 
     def gains(self, link: float, share: float, multipliers: Multipliers, at: np.ndarray) -> np.ndarray:
         """Logarithms of gains at frequencies, of a pair."""

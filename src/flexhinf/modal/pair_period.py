@@ -44,6 +44,9 @@ from flexhinf.modal.sampled_pairs import SampledPairs
 OWN = ("z", "dz", "s", "ds")
 USED, FRICTION, HAT = ("s0", "n0"), ("dw0", "p0"), ("hat z", "hat dz", "hat s", "hat ds")
 
+#: The largest number of a flow; beyond it errors count as gaining without bound.
+LARGEST = 1e100
+
 #: The share of the largest eigenvalue of W by which others may be below 0.
 BELOW = 1e-9
 
@@ -78,7 +81,7 @@ def worst_period(
         flow = expm((1.0 - pairs.late) * hamiltonian)
         if pairs.late and (before := _PairForms(*arguments, acts="before").hamiltonian) is not None:
             flow = flow @ expm(pairs.late * before[0])
-    if not np.isfinite(flow).all():
+    if not np.abs(flow).max() < LARGEST:
         return WorstPeriod.unbounded(states)
     (a, b), (c, d) = (np.hsplit(part, 2) for part in np.vsplit(flow, 2))
     end = shift @ b + d
