@@ -36,7 +36,7 @@ from flexhinf.modal.moves import fastest_moves, free_loop, storage_of
 from flexhinf.modal.popov import Errors, Multipliers, PairStorages, Sector
 from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.numerals import at_least
-from flexhinf.pages.workspace_proof import pair_text
+from flexhinf.pages.workspace_check import pair_text
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot.workspace import workspace_of
 

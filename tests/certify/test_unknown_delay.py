@@ -33,7 +33,8 @@ from flexhinf.modal.popov import (
     worst_period,
 )
 from flexhinf.modal.sampled_pairs import SampledPairs
-from flexhinf.pages.workspace_proof import delay_text, pair_text
+from flexhinf.pages.workspace_check import pair_text
+from flexhinf.pages.workspace_proof import delay_text
 from flexhinf.robot import load_robot
 
 PERIOD, ENDS, DELAY = 1e-3, (200.0**2, 215.0**2), 0.8

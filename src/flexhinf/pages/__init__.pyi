@@ -87,8 +87,8 @@ from .run import (
     run_verdict as run_verdict,
 )
 from .terminal import SCREEN as SCREEN, wrapped as wrapped
+from .workspace_check import pair_text as pair_text
 from .workspace_proof import (
-    pair_text as pair_text,
     workspace_proof_ending as workspace_proof_ending,
     workspace_proof_numbers as workspace_proof_numbers,
     workspace_proof_page as workspace_proof_page,

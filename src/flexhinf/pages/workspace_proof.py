@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexhinf.certify.checker.arm import CheckedArm
-from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim
 from flexhinf.certify.checker.pair_claim import ERRORS
 from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design.verdict import DesignVerdict
@@ -16,10 +14,8 @@ from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.moves import ProvedMoves
 from flexhinf.design.workspace.proof import (
     RANGE_POSES,
-    PairVerdict,
     WorkspaceProof,
     modal_filter,
-    proved_errors,
 )
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -63,13 +59,14 @@ def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange
     )
 
 
-def caption(errors: Errors, slope_is_left_out: bool = True) -> str:
+def caption(errors: Errors, slope_is_left_out: bool = True, motors_are_alike: bool = True) -> str:
     """What the sizes of errors mean, and for what they hold."""
+    motors = "motors that are alike" if motors_are_alike else "the model's motors"
     gravity = "gravity without slope, " if slope_is_left_out else ""
     springs = "" if errors.damping else "springs without damping, "
     size = "" if errors.any_motion else ", small motions"
     return (
-        f"For motors that are alike, {gravity}{springs}no dry friction{size}. Errors are "
+        f"For {motors}, {gravity}{springs}no dry friction{size}. Errors are "
         "those of the links' inertia matrix, which masses and payloads make, and of the stiffness: symmetric, in the "
         "coordinates of their square roots, and the same at all times. What is not named is exact. No error of a motor "
         "is among them."
@@ -230,14 +227,17 @@ LEFT_OUT = (
     ("friction, backlash, limits of inputs, quantisation", "moves of the design, campaigns"),
     ("Coriolis forces along fast moves", "moves of the design"),
     ("motors and delay that differ from the model's", "loops at corners of the tolerances"),
-    ("unlike motors, which the law makes alike for slow vibrations", "loops at poses, which have them"),
     (
         "errors with a phase, such as creep or a lagging drive",
         "nothing here; fast vibrations bear hardly any",
     ),
 )
-#: The same where a proof leaves out gravity's slope.
+#: The same where a proof leaves out gravity's slope, and unlike motors.
 SLOPE_LEFT_OUT = ("gravity's slope", "loops at poses, which have it")
+MOTORS_LEFT_OUT = (
+    "unlike motors, which the law makes alike for slow vibrations",
+    "loops at poses, which have them",
+)
 
 
 def proof_text(proof: WorkspaceProof) -> str:
@@ -285,9 +285,21 @@ def _if_alike(proof: WorkspaceProof) -> str:
 
 def _motors_text(proof: WorkspaceProof) -> str:
     """What is assumed of the motors."""
-    if not proof.motors_apart:
+    checked = proof.checked
+    if checked is not None and (of_motors := unlike_text(checked)):
+        return f"motors as the model's, {of_motors}"
+    if not proof.unlike_motors:
         return "motors as the model's"
     return "motors as the model's, and alike: the law makes unlike ones so for slow vibrations, not for fast ones"
+
+
+def unlike_text(checked: CheckedPairs) -> str:
+    """How unlike the motors of a proof are; nothing where they are alike."""
+    if not max(checked.slower, checked.faster, checked.less_friction, checked.more_friction):
+        return ""
+    ends = _ends_text(1.0 - checked.slower, 1.0 + checked.faster, False)
+    less, more = at_least(checked.less_friction, 3), at_least(checked.more_friction, 3)
+    return f"with {ends} times their mean K/J, and B/J of up to {less}/s below or {more}/s above the mean"
 
 
 #: Of what δ₁, δ₂, ε₁ and ε₂ are shares.
@@ -354,8 +366,8 @@ def _largest_text(proof: WorkspaceProof) -> str:
 
 #: For which loops a speed of moves is proved.
 FROZEN = (
-    "with the model's own masses, undamped springs, the arm of a sample held for its period, no Coriolis forces and no "
-    "slope of gravity"
+    "with the model's own masses, motors that are alike, undamped springs, the arm of a sample held for its period, no "
+    "Coriolis forces and no slope of gravity"
 )
 
 
@@ -411,7 +423,7 @@ def _proof_table(proof: WorkspaceProof) -> Table:
     return Table(
         ("what", "range or size", "how it is known"),
         rows,
-        caption(proof.errors, not proof.has_slope),
+        caption(proof.errors, not proof.has_slope, bool(proof.unlike_motors)),
         stacks=True,
     )
 
@@ -446,7 +458,11 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
                     Paragraph(f"{_unstable_text(proof)} {others_text(proof)}".strip()),
                     Table(
                         ("not in the proof", "what tells of it"),
-                        LEFT_OUT if proof.has_slope else (*LEFT_OUT, SLOPE_LEFT_OUT),
+                        (
+                            *LEFT_OUT,
+                            *([] if proof.has_slope else [SLOPE_LEFT_OUT]),
+                            *([MOTORS_LEFT_OUT] if proof.unlike_motors else []),
+                        ),
                         "Who should not trust it.",
                         stacks=True,
                     ),
@@ -498,7 +514,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
-        "version": 5,
+        "version": 6,
         "kind": "workspace",
         "robot": proof.setup.robot.name,
         "text": proof_text(proof),
@@ -550,51 +566,3 @@ def _moves_numbers(moves: ProvedMoves | None) -> dict[str, object]:
 def error_numbers(errors: Errors) -> dict[str, object]:
     """Errors by the names of a certificate of pairs."""
     return dict(zip(ERRORS, map(float, errors.numbers)))
-
-
-def pair_text(verdict: PairVerdict) -> str:
-    """What the checker says of the pairs of a proof.json, and of nothing else in it."""
-    if verdict.failed is not None:
-        low, high = np.sqrt(verdict.failed)
-        return f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s."
-    if verdict.beyond:
-        return f"Not proved: the file says {verdict.beyond}, which is more than its certificate of pairs."
-    if verdict.claim is None or verdict.checked is None:
-        return "Not proved: this file has no certificate of pairs."
-    found = verdict.checked
-    low, high = np.sqrt([found.low, found.high])
-    latency = count_text(verdict.claim.latency, "sample")
-    filter = "no estimator" if verdict.claim.seen is None else "the estimator"
-    return (
-        f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
-        f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file"
-        f"{delay_text(found, verdict.claim.period)}, in "
-        f"{count_text(found.intervals, 'interval')}. {_arm_text(verdict.arm)}{_checked_moves_text(verdict.moves)}"
-    )
-
-
-def _checked_moves_text(moves: tuple[MovesClaim, CheckedMoves] | None) -> str:
-    """What the checker says of the moves of a proof.json."""
-    if moves is None:
-        return ""
-    claim, found = moves
-    rate = f"{at_least(found.rate, 3)} per second"
-    text = f" Along moves they stay stable while the inertia matrix changes by less than {rate}"
-    if claim.turnings:
-        speeds, most = claim.turnings[0]
-        together = ", ".join(at_least(found.rate / most * speed, 3) for speed in speeds.tolist())
-        text += (
-            f"; it does at every pose of the arm with its joints at up to ({together}) rad/s, or m/s, at once"
-        )
-    return f"{text} ({FROZEN})."
-
-
-def _arm_text(arm: CheckedArm | None) -> str:
-    """What the checker says of the arm of a proof.json."""
-    if arm is None:
-        return "Robot, poses and hypotheses in the file are not checked."
-    errors = Errors(Sector(arm.lower, arm.upper), EXACT, Sector(arm.slope or 0.0, arm.slope or 0.0))
-    masses = f"All bodies and payloads of its arm have {errors_text(errors, True)} at every pose"
-    if arm.low is None:
-        return f"{masses}; the vibrations of poses and other hypotheses in the file are not checked."
-    return f"{masses}, and these vibrations alone. Other hypotheses in the file are not checked."
