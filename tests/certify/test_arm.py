@@ -319,7 +319,7 @@ def test_large_motions_are_of_one_joint_whose_gravity_is_shown(found, monkeypatc
     """A file says of them only beside an arm of one joint; an arm of two, or none, is more than the certificate."""
     pairs = CheckedPairs(1.0, 1e9, 0.9, 9.0, 0.0, 0.0, 9.0, 9.0, 0.0, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
     monkeypatch.setattr(proof, "pair_claim", lambda numbers: SimpleNamespace())
-    monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
+    monkeypatch.setattr(proof, "check_pairs", lambda claim, every: pairs)
     arm = found["planar-two-link"].arm
     for numbers in ({}, {"arm": arm}):
         assert proof.pair_verdict({"pairs": {}, "proved": pairs._asdict(), **numbers}).beyond

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+import os
 from collections.abc import Callable
 from itertools import pairwise, product
 from typing import Any
@@ -17,10 +19,14 @@ from flexhinf.certify.checker.pair_claim import (
     pair_claim,
 )
 from flexhinf.certify.checker.pairs import Box, box_proved, regular_at_first
+from flexhinf.copies import shared_out
 from flexhinf.modal.motor_multipliers import motor_tolerance
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
 from flexhinf.modal.popov import NONE, Errors, MotorWeights, PairStorages, Sector, Storages
 from flexhinf.modal.sampled_pairs import SampledPairs
+
+#: Length in log λ of a part of the range that is proved by itself.
+PART = 1.0
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
 FIRST, LONGEST, SHORTEST = 0.1, 0.5, 1e-3
@@ -50,11 +56,34 @@ Numbers = dict[str, Any]
 def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) -> Numbers | None:
     """The numbers of a file that the checker accepts, over all λ of the gains; None where an interval gets too short.
 
-    `progress` is called with the share of the range that is proved.
+    Parts of the range are shared out; they depend on the range alone. `progress` is called with the share of it that is
+    proved.
     """
     low, high = map(float, storages.pairs.gains.ends)
-    place, length, room, successes = low, FIRST, MOST_ROOM, 0
-    boxes, intervals, shortest = _Boxes(storages), list[Numbers](), SHORTEST
+    count, here = max(1, int(np.log(high / low) / PART)), os.getpid()
+    ends = [low, *np.geomspace(low, high, count + 1)[1:-1].tolist(), high]
+    done = np.frombuffer(mmap.mmap(-1, 8 * count))  # which copies write too
+
+    def proved(k: int) -> list[Numbers] | None:
+        def reached(share: float) -> None:
+            done[k] = share / count
+            if os.getpid() == here:
+                progress(float(done.sum()))
+
+        return _part(storages, (ends[k], ends[k + 1]), reached)
+
+    parts = shared_out(proved, range(count), compiles=False)
+    if any(part is None for part in parts):
+        return None
+    return claim_numbers(storages, [one for part in parts for one in part or []])
+
+
+def _part(
+    storages: PairStorages, ends: tuple[float, float], progress: Callable[[float], None]
+) -> list[Numbers] | None:
+    """The intervals between two λ; None where one gets too short."""
+    (low, high), length, room, successes = ends, FIRST, MOST_ROOM, 0
+    place, boxes, intervals, shortest = low, _Boxes(storages), list[Numbers](), SHORTEST
     while place < high:
         end = min(high, place * float(np.exp(length)))
         found = boxes.proved((place, end), room)
@@ -72,7 +101,7 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
             length, room = 10.0 * shortest, 0.5 * room
         if room < SMALLEST_ROOM:
             return None
-    return claim_numbers(storages, intervals)
+    return intervals
 
 
 class _Boxes:

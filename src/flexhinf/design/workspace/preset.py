@@ -134,7 +134,7 @@ class _Box:
         stated = self._stated_of(setup)
         shape, slope = stated.parts
         return CertifiedErrors(
-            stated, *largest_certificate(sampled_pairs(setup).alike, shape, self.progress, slope, whole=True)
+            stated, *largest_certificate(sampled_pairs(setup), shape, self.progress, slope, whole=True)
         )
 
 

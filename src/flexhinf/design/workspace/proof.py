@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -19,6 +19,7 @@ from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim, check_moves, moves_claim
 from flexhinf.certify.checker.pair_claim import PairClaim, pair_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
+from flexhinf.copies import shared_out
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.everywhere import Everywhere, everywhere, file_errors
 from flexhinf.design.workspace.masses import LargestMasses, StatedErrors, largest_masses
@@ -39,6 +40,9 @@ from flexhinf.robot.file_keys import is_dict
 #: λ at which a report computes a tolerance.
 REPORTED = 12
 
+#: How a checker has its intervals checked.
+_AT_ONCE = partial(shared_out, compiles=False)
+
 #: By what share numbers of motors differ that are still alike, and by what share doubles may round them.
 ALIKE, ROUNDED = 1e-9, 1e-12
 
@@ -57,7 +61,7 @@ class CertifiedErrors:
     @cached_property
     def checked(self) -> CheckedPairs | None:
         """What the checker says, of all intervals once more."""
-        found = None if self.numbers is None else check_pairs(pair_claim(self.numbers))
+        found = None if self.numbers is None else check_pairs(pair_claim(self.numbers), _AT_ONCE)
         return found if isinstance(found, CheckedPairs) else None
 
     @property
@@ -125,13 +129,12 @@ class WorkspaceProof(NamedTuple):
     @property
     def unlike_motors(self) -> dict[str, float]:
         """The same of each number that differs: of K/J per twist, B/J per speed, and of a drive's stiffness over J."""
-        checked = self.checked
-        held = (
-            ()
-            if checked is None
-            else (checked.slower, checked.faster, checked.less_friction, checked.more_friction)
-        )
-        return {} if any(held) else motors_apart(self.setup)
+        checked, own = self.checked, unlike_motors(self.setup)
+        if checked is not None:
+            held = checked.slower, checked.faster, checked.less_friction, checked.more_friction
+            if not self.setup.law.joints.inner and all(need <= one for need, one in zip(own, held)):
+                return {}
+        return motors_apart(self.setup)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -364,7 +367,7 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     if not isinstance(pairs, dict):
         return PairVerdict()
     claim = pair_claim(cast("dict[str, Any]", pairs))
-    found = check_pairs(claim)
+    found = check_pairs(claim, _AT_ONCE)
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
     beyond = _beyond(numbers.get("proved"), found) or _later(numbers.get("unknown_delay", 0.0), found)
