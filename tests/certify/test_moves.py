@@ -369,7 +369,7 @@ def test_a_proof_that_says_more_of_moves_than_its_certificate_is_not_proved(foun
     """Beside pairs that count as checked here."""
     _, _, numbers, loop = found
     pairs = CheckedPairs(*ENDS, *WIDE, 0.0, 0.0, 0.0, 0.0, 0.0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
-    monkeypatch.setattr(proof, "check_pairs", lambda claim: pairs)
+    monkeypatch.setattr(proof, "check_pairs", lambda claim, every: pairs)
     checked = checked_of(numbers, loop)
     assert isinstance(checked, CheckedMoves)
     whole = {"pairs": loop, "proved": pairs._asdict(), "moves": numbers, "moving": checked._asdict()}

@@ -88,9 +88,11 @@ class _Box:
     progress: Callable[[str], None]
     left: list[PairWeights] = field(default_factory=list[PairWeights])  # laws that were not proved
     variant: int = 0  # of `StatedErrors.variants`
+    alike: bool = False  # whether motors count as alike: no law was proved with them as they are
     _stated: list[StatedErrors] = field(
         default_factory=list[StatedErrors]
     )  # variants, the same for all candidates
+    _unlike: bool = False  # whether motors differ
     # by the weights of a law and the torques that its estimator expects
     _shares: dict[tuple[PairWeights, tuple[float, float]], float] = field(
         default_factory=dict[tuple[PairWeights, tuple[float, float]], float]
@@ -102,9 +104,16 @@ class _Box:
 
     @property
     def following(self) -> _Box | None:
-        """The next variant; None after the last one, or where no candidate was asked."""
+        """The next variant, then all of them as if motors were alike where these were not; None after the last one, or
+        where no candidate was asked."""
         following = self.variant + 1
-        return _Box(self.progress, variant=following) if following < len(self._stated) else None
+        if following < len(self._stated):
+            return replace(self, left=[], variant=following, _shares={})
+        return (
+            replace(self, left=[], variant=0, alike=True, _shares={})
+            if self._unlike and not self.alike
+            else None
+        )
 
     def tolerant(self, setups: Sequence[WorkspaceSetup]) -> list[WorkspaceSetup]:
         """Those that tolerate all of them by a grid, with room for a proof; the one that tolerates most first.
@@ -131,11 +140,11 @@ class _Box:
 
     def proved(self, setup: WorkspaceSetup) -> CertifiedErrors:
         """What is proved: all of them, or less."""
-        stated = self._stated_of(setup)
+        stated, pairs = self._stated_of(setup), sampled_pairs(setup)
         shape, slope = stated.parts
-        return CertifiedErrors(
-            stated, *largest_certificate(sampled_pairs(setup), shape, self.progress, slope, whole=True)
-        )
+        if pairs.motors is not None:
+            self._unlike, pairs = True, pairs.alike if self.alike else pairs
+        return CertifiedErrors(stated, *largest_certificate(pairs, shape, self.progress, slope, whole=True))
 
 
 def check_provable(robot: Robot, s: Specification) -> None:
