@@ -14,7 +14,7 @@ from benchmarks.workspace.robots import ROBOTS
 from flint import arb, ctx
 
 from flexhinf.certify.checker import arm as checker
-from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm
+from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm, weights_of
 from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.design import Specification
 from flexhinf.design.responses import with_values
@@ -312,6 +312,19 @@ def test_what_bounds_of_gravity_rely_on_is_asked_of_a_file(found, part):
         joint[part] = (0.9 * np.array(joint[part])).tolist()
     with pytest.raises(InvalidInput, match="certificate"):
         arm_claim(file)
+
+
+@pytest.mark.costs("the laws of two robots")
+def test_bounds_of_gravity_hold_the_model_with_which_a_filter_predicts(found):
+    """It may be heavier than all robots of a file."""
+    claim, heavy = arm_claim(found["spatial"].arm), (arb(20), arb(1), arb(2))
+    body = claim.bodies[0]
+    single = body._replace(mass=heavy, moment=(arb(7), arb(1), arb(2)))
+    load = claim.payloads[0]._replace(mass=heavy)
+    claim = claim._replace(bodies=(body._replace(mass=heavy), single), payloads=(load,))
+    masses, moments = zip(*((float(one.mass), float(one.moment)) for one in weights_of(claim)))
+    assert masses == (20.0, 0.0, 20.0)
+    assert moments[1] == 7.0
 
 
 @pytest.mark.costs("the laws of two robots")

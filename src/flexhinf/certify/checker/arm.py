@@ -223,18 +223,26 @@ def _checked(claim: ArmClaim) -> CheckedArm | str:
 
 
 def weights_of(claim: ArmClaim) -> list[Weight]:
-    """All bodies and payloads at their heaviest, with the largest moment about the origin of their frame."""
+    """All bodies and payloads at their heaviest, with the largest moment about the origin of their frame; the model,
+    with which a filter predicts, is among them."""
     weights: list[Weight] = []
     for k, body in enumerate(claim.bodies):
-        mass = body.mass[2]
+        mass = _heaviest(body.mass)
         farthest = frobenius([_largest([abs(end).upper() for end in entry]) for entry in body.centre])
         if body.moment is None:
             weights.append(Weight(k, mass, mass * farthest))
         else:
-            weights.append(Weight(k, arb(0), body.moment[2]))
+            weights.append(Weight(k, arb(0), _heaviest(body.moment)))
     for load in claim.payloads:
-        weights.append(Weight(load.joint, load.mass[2], load.mass[2] * frobenius(load.centre.entries())))
+        mass = _heaviest(load.mass)
+        weights.append(Weight(load.joint, mass, mass * frobenius(load.centre.entries())))
     return weights
+
+
+def _heaviest(one: Interval) -> arb:
+    """The largest of the model and of the robots."""
+    nominal, _, high = one
+    return _largest([nominal, high])
 
 
 def _within(body: ArmBody, lower: float, upper: float) -> bool:

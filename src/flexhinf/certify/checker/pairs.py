@@ -74,7 +74,8 @@ def check_pairs(claim: PairClaim, every: Every = map) -> CheckedPairs | int:
     """What is proved, or the number of the first interval in which the check fails; `every` may do several at once."""
     if not regular_at_first(claim):
         return 0
-    for k, proved in enumerate(every(partial(interval_proved, claim), range(len(claim.storages)))):
+    places = range(len(claim.storages))
+    for k, proved in zip(places, every(partial(interval_proved, claim), places), strict=True):
         if not proved:
             return k
     low, high = claim.links[[0, -1]].tolist()
