@@ -26,11 +26,12 @@ def pair_text(verdict: PairVerdict) -> str:
     low, high = np.sqrt([found.low, found.high])
     latency = count_text(verdict.claim.latency, "sample")
     filter = "no estimator" if verdict.claim.seen is None else "the estimator"
+    arm = _arm_text(verdict.arm, max(found.falling, found.holding_up) > 0.0)
     return (
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
         f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file"
         f"{delay_text(found, verdict.claim.period)}, for motors {unlike_text(found) or 'that are alike'}, in "
-        f"{count_text(found.intervals, 'interval')}. {_arm_text(verdict.arm)}{_checked_moves_text(verdict.moves)}"
+        f"{count_text(found.intervals, 'interval')}. {arm}{_checked_moves_text(verdict.moves)}"
     )
 
 
@@ -50,11 +51,12 @@ def _checked_moves_text(moves: tuple[MovesClaim, CheckedMoves] | None) -> str:
     return f"{text} ({FROZEN})."
 
 
-def _arm_text(arm: CheckedArm | None) -> str:
-    """What the checker says of the arm of a proof.json."""
+def _arm_text(arm: CheckedArm | None, with_slope: bool) -> str:
+    """What the checker says of the arm of a proof.json; of gravity's slope where its pairs have one."""
     if arm is None:
         return "Robot, poses and hypotheses in the file are not checked."
-    errors = Errors(Sector(arm.lower, arm.upper), EXACT, Sector(arm.slope or 0.0, arm.slope or 0.0))
+    slope = (arm.slope or 0.0) * with_slope
+    errors = Errors(Sector(arm.lower, arm.upper), EXACT, Sector(slope, slope))
     masses = f"All bodies and payloads of its arm have {errors_text(errors, True)} at every pose"
     if arm.low is None:
         return f"{masses}; the vibrations of poses and other hypotheses in the file are not checked."

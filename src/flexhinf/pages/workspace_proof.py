@@ -123,7 +123,12 @@ def errors_text(errors: Errors, of_robots: bool = False) -> str:
         parts.append(f"{_ends_text(1.0 - softer, 1.0 + stiffer, of_robots)} times its stiffness")
     if errors.slope != EXACT:
         parts.append(slope_text(errors.slope, of_robots))
-    *others, last = parts
+    return joined(parts)
+
+
+def joined(parts: Sequence[str]) -> str:
+    """A list in a sentence; "" of none."""
+    *others, last = parts or [""]
     return f"{', '.join(others)} and {last}" if others else last
 
 
@@ -248,19 +253,25 @@ def proof_text(proof: WorkspaceProof) -> str:
         arm = proof.everywhere.checked
         file_errors = file_errors._replace(masses=Sector(arm.lower, arm.upper))
         where = "" if arm.low is None else "at every pose of the workspace"
+    without = joined(proof.without)
     if checked is None:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
-        return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
-    proved, inside, alike = errors_text(proof.errors), proof.poses_inside, _if_alike(proof)
+        alone = f"without {without} " if without else ""
+        return (
+            f"Not proved for any error: {alone}small motions about rest are proved to be stable with the model's own "
+            "masses."
+        )
+    head = f"Not proved with {without}. Without, it is proved" if without else "Proved"
+    proved, inside = errors_text(proof.errors), proof.poses_inside
     proved += delay_text(checked, proof.setup.specification.period)
     by_errors = 0 < stated.poses < inside == RANGE_POSES
     where = where or f"at {stated.poses if by_errors else f'{inside} of {RANGE_POSES}'} sampled poses"
     if not stated.of_tolerances.errors.largest:
-        return f"Proved{alike} for {proved}; the file states no tolerance of masses, payloads or springs."
+        return f"{head} for {proved}; the file states no tolerance of masses, payloads or springs."
     if proof.is_stated:
         return (
-            f"Proved{alike} for the file's tolerances of masses, payloads and springs, {where}: they make "
+            f"{head} for the file's tolerances of masses, payloads and springs, {where}: they make "
             f"{errors_text(file_errors, True)}, and {motions(proof)} about rest are stable with {proved}."
         )
     tolerated, needed, which = min(
@@ -270,35 +281,29 @@ def proof_text(proof: WorkspaceProof) -> str:
     return (
         f"Not proved for the file's tolerances: tolerance {number(100.0 * tolerated, 3)} % below the file's "
         f"{number(100.0 * needed, 3)} %, of {which} ({where}). "
-        f"Proved{alike} is stability with {proved}."
+        f"Proved{f', without {without},' if without else ''} is stability with {proved}."
     )
-
-
-def _if_alike(proof: WorkspaceProof) -> str:
-    """The condition on motors that no proof is without: none where they are alike."""
-    differ = [
-        f"{name} differs by {number(100.0 * apart, 2)} %" if np.isfinite(apart) else f"{name} differs"
-        for name, apart in proof.unlike_motors.items()
-    ]
-    return f", if motors were alike (their {', '.join(differ)})," if differ else ""
 
 
 def _motors_text(proof: WorkspaceProof) -> str:
     """What is assumed of the motors."""
     checked = proof.checked
-    if checked is not None and (of_motors := unlike_text(checked)):
+    if checked is not None and (of_motors := unlike_text(checked, True)):
         return f"motors as the model's, {of_motors}"
     if not proof.unlike_motors:
         return "motors as the model's"
     return "motors as the model's, and alike: the law makes unlike ones so for slow vibrations, not for fast ones"
 
 
-def unlike_text(checked: CheckedPairs) -> str:
-    """How unlike the motors of a proof are; nothing where they are alike."""
+def unlike_text(checked: CheckedPairs, of_robots: bool = False) -> str:
+    """How unlike the motors of a proof are; nothing where they are alike. Rounded as of `masses_text`."""
     if not max(checked.slower, checked.faster, checked.less_friction, checked.more_friction):
         return ""
-    ends = _ends_text(1.0 - checked.slower, 1.0 + checked.faster, False)
-    less, more = at_least(checked.less_friction, 3), at_least(checked.more_friction, 3)
+    ends = _ends_text(1.0 - checked.slower, 1.0 + checked.faster, of_robots)
+    less, more = (
+        (at_most if of_robots else at_least)(size, 3)
+        for size in (checked.less_friction, checked.more_friction)
+    )
     return f"with {ends} times their mean K/J, and B/J of up to {less}/s below or {more}/s above the mean"
 
 
@@ -319,13 +324,17 @@ def others_text(proof: WorkspaceProof) -> str:
     return f"Not in the proof, though the file gives them tolerances: {', '.join(others)}." if others else ""
 
 
+#: Of which loops errors are found that destabilise.
+OTHER_SIDE = "From the other side, of motors that are alike, without gravity and damping of springs"
+
+
 def _unstable_text(proof: WorkspaceProof) -> str:
     """The smallest errors of masses and of springs that are found to destabilise."""
     found, springs = proof.unstable, proof.unstable_springs
     if not found.links:
-        text = "From the other side: no error of one vibration was found that destabilises."
+        text = f"{OTHER_SIDE}: no error of one vibration was found that destabilises."
     else:
-        text = f"From the other side: {_unstable_at(found, 'inverse inertia')}, with springs as the model's."
+        text = f"{OTHER_SIDE}: {_unstable_at(found, 'inverse inertia')}, with springs as the model's."
         if proof.checked is not None:
             text += f" Proved are {at_least(100.0 * max(proof.errors.masses), 3)} %."
     if springs is None or not springs.links:
@@ -361,7 +370,9 @@ def _largest_text(proof: WorkspaceProof) -> str:
         if np.isfinite(largest.payload)
         else ""
     )
-    return f"It would hold for {tolerances}{payload}" + (f"; {decay}." if decay else ".")
+    slope = proof.errors.slope
+    within = f", as far as {slope_text(slope)} allows it," if slope != EXACT else ""
+    return f"It would hold{within} for {tolerances}{payload}" + (f"; {decay}." if decay else ".")
 
 
 #: For which loops a speed of moves is proved.

@@ -176,6 +176,7 @@ def proved_requirement(proof: WorkspaceProof) -> Requirement:
     """The requirement of the preset: the least of what is proved, as a part of what the file states."""
     pairs = zip(proof.errors.numbers, proof.stated.of_tolerances.errors.numbers)
     part = min((own / needed for own, needed in pairs if needed), default=float(proof.is_stated))
+    part *= not proof.without
     return Requirement(
         PROVED_PART,
         100.0,
@@ -183,7 +184,8 @@ def proved_requirement(proof: WorkspaceProof) -> Requirement:
         "%",
         at_most=False,
         where="small motions about rest, at all poses whose vibrations are in the range",
-        criterion="the least ratio of an error that is proved to be tolerated to the one that the file states",
+        criterion="the least ratio of an error that is proved to be tolerated to the one that the file states; 0 where "
+        "the proof is without what the robot has",
         stated_by="--preset proved",
         field="preset",
         tolerance=0.0,

@@ -34,6 +34,7 @@ from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
 from flexhinf.modal.popov import EXACT, NONE, SYMMETRIC, Errors, Sector
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.modal.unstable import UnstableError, smallest_unstable
+from flexhinf.numerals import number
 from flexhinf.robot import Robot
 from flexhinf.robot.file_keys import is_dict
 
@@ -137,6 +138,20 @@ class WorkspaceProof(NamedTuple):
         return motors_apart(self.setup)
 
     @property
+    def without(self) -> list[str]:
+        """What the robot has, and the proof has not: unlike motors, gravity's slope, damping of springs."""
+        differ = [
+            f"{name} differs by {number(100.0 * apart, 2)} %" if np.isfinite(apart) else f"{name} differs"
+            for name, apart in self.unlike_motors.items()
+        ]
+        kinds = (
+            (f"unlike motors (their {', '.join(differ)})", bool(differ)),
+            ("gravity's slope", not self.has_slope),
+            ("damping of springs", self.stated.errors.damping > self.errors.damping),
+        )
+        return [name for name, is_left_out in kinds if is_left_out]
+
+    @property
     def range(self) -> tuple[float, float]:
         """The λ of which something is proved, 1/s²."""
         known = self.stable if self.checked is None else self.checked
@@ -154,9 +169,10 @@ class WorkspaceProof(NamedTuple):
 
     @property
     def covers_file(self) -> bool:
-        """Whether the proof is of all that the file states of masses and springs; of something, where it states
-        nothing."""
-        return self.is_stated if self.stated.of_tolerances.errors.largest else self.is_proved
+        """Whether the proof is of the robot, and of all that the file states of masses and springs; of something, where
+        it states nothing."""
+        held = self.is_stated if self.stated.of_tolerances.errors.largest else self.is_proved
+        return held and not self.without
 
 
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
