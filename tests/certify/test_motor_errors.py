@@ -309,7 +309,7 @@ def test_what_the_proof_of_unlike_motors_does_not_treat_is_refused(numbers, othe
 )
 def test_files_of_unlike_motors_with_other_shapes_are_refused(numbers, others):
     """Without motors a law has five rows, and with motors six."""
-    with refused_with(InvalidInput, "cannot be read"):
+    with refused_with(InvalidInput, "certificate"):
         pair_claim({**numbers, **others} if "motors" in others else changed(numbers, **others))
     rows = {"coefficients": numbers["coefficients"][:5]}
     with refused_with(InvalidInput, "another shape"):
