@@ -325,16 +325,16 @@ def others_text(proof: WorkspaceProof) -> str:
 
 
 #: Of which loops errors are found that destabilise.
-OTHER_SIDE = "From the other side, of motors that are alike, without gravity and damping of springs"
+UNSTABLE_LOOPS = "From the other side, of motors that are alike, without gravity and damping of springs"
 
 
 def _unstable_text(proof: WorkspaceProof) -> str:
     """The smallest errors of masses and of springs that are found to destabilise."""
     found, springs = proof.unstable, proof.unstable_springs
     if not found.links:
-        text = f"{OTHER_SIDE}: no error of one vibration was found that destabilises."
+        text = f"{UNSTABLE_LOOPS}: no error of one vibration was found that destabilises."
     else:
-        text = f"{OTHER_SIDE}: {_unstable_at(found, 'inverse inertia')}, with springs as the model's."
+        text = f"{UNSTABLE_LOOPS}: {_unstable_at(found, 'inverse inertia')}, with springs as the model's."
         if proof.checked is not None:
             text += f" Proved are {at_least(100.0 * max(proof.errors.masses), 3)} %."
     if springs is None or not springs.links:
