@@ -38,7 +38,7 @@ from flexhinf.design.workspace.robustness import (
 from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
-from flexhinf.modal.popov import Errors, Sector
+from flexhinf.modal.pair_errors import Errors, Sector
 from flexhinf.modal.unstable import UnstableError
 from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.files import EarlyParts, design_files
@@ -253,7 +253,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
         assert made.status[0].kind == kind
         for text in (text_of(made.html()), " ".join(workspace_proof_ending(proof, UNKNOWN).text.split())):
             assert unnamed(text, *told) == []
-            assert ("K/J" in text) == (proof.checked is not None and proof.motors_apart > 0.0)
+            assert ("K/J" in text) == (proof.checked is not None and bool(proof.unlike_motors))
 
 
 @pytest.mark.ci("computes what another design tolerates")

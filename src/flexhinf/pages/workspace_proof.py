@@ -21,7 +21,7 @@ from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
 from flexhinf.modal.multipliers import PopovTolerance
-from flexhinf.modal.popov import EXACT, NONE, Errors, Sector
+from flexhinf.modal.pair_errors import EXACT, NONE, Errors, Sector
 from flexhinf.modal.unstable import UnstableError
 from flexhinf.numerals import at_least, at_most, number
 from flexhinf.pages.drawing import count_text
@@ -297,13 +297,11 @@ def _motors_text(proof: WorkspaceProof) -> str:
 
 def unlike_text(checked: CheckedPairs, of_robots: bool = False) -> str:
     """How unlike the motors of a proof are; nothing where they are alike. Rounded as of `masses_text`."""
-    if not max(checked.slower, checked.faster, checked.less_friction, checked.more_friction):
+    slower, faster, *friction = motors = checked.motors
+    if not any(motors):
         return ""
-    ends = _ends_text(1.0 - checked.slower, 1.0 + checked.faster, of_robots)
-    less, more = (
-        (at_most if of_robots else at_least)(size, 3)
-        for size in (checked.less_friction, checked.more_friction)
-    )
+    ends = _ends_text(1.0 - slower, 1.0 + faster, of_robots)
+    less, more = ((at_most if of_robots else at_least)(size, 3) for size in friction)
     return f"with {ends} times their mean K/J, and B/J of up to {less}/s below or {more}/s above the mean"
 
 

@@ -69,6 +69,11 @@ class CheckedPairs(NamedTuple):
     more_friction: float  # φ₂, 1/s: and up to β + φ₂
     intervals: int
 
+    @property
+    def motors(self) -> tuple[float, float, float, float]:
+        """ν₁, ν₂, φ₁ and φ₂."""
+        return self.slower, self.faster, self.less_friction, self.more_friction
+
 
 def check_pairs(claim: PairClaim, every: Every = map) -> CheckedPairs | int:
     """What is proved, or the number of the first interval in which the check fails; `every` may do several at once."""

@@ -31,7 +31,7 @@ from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
 from flexhinf.modal.law import modes
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
-from flexhinf.modal.popov import EXACT, NONE, SYMMETRIC, Errors, Sector
+from flexhinf.modal.pair_errors import EXACT, NONE, SYMMETRIC, Errors, Sector
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.modal.unstable import UnstableError, smallest_unstable
 from flexhinf.numerals import number
@@ -119,23 +119,17 @@ class WorkspaceProof(NamedTuple):
         )
 
     @property
-    def motors_apart(self) -> float:
-        """By what share a number of motors differs from joint to joint, beyond what is proved: the accelerations of
-        `unlike_motors`. 0 where nothing does, or where the proof is of unlike motors.
+    def unlike_motors(self) -> dict[str, float]:
+        """By what share each number of motors differs from joint to joint, as of `motors_apart`; nothing where the
+        proof is of motors as unlike.
 
         Otherwise the theorem takes motors as alike. The law makes unlike ones so for slow vibrations only: `ModalLaw`.
         """
-        return max(self.unlike_motors.values(), default=0.0)
-
-    @property
-    def unlike_motors(self) -> dict[str, float]:
-        """The same of each number that differs: of K/J per twist, B/J per speed, and of a drive's stiffness over J."""
-        checked, own = self.checked, unlike_motors(self.setup)
-        if checked is not None:
-            held = checked.slower, checked.faster, checked.less_friction, checked.more_friction
-            if not self.setup.law.joints.inner and all(need <= one for need, one in zip(own, held)):
-                return {}
-        return motors_apart(self.setup)
+        if self.checked is None or self.setup.law.joints.inner:
+            return motors_apart(self.setup)
+        if any(own > held for own, held in zip(motor_sectors(self.setup), self.checked.motors)):
+            return motors_apart(self.setup)
+        return {}
 
     @property
     def without(self) -> list[str]:
@@ -183,10 +177,10 @@ def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
     pairs = SampledPairs(setup.gains, s.known_latency, modal_filter(setup), delay)
     if s.unknown_samples or s.known_latency > 1 or setup.law.joints.inner or not motors_apart(setup):
         return pairs
-    return replace(pairs, motors=unlike_motors(setup))
+    return replace(pairs, motors=motor_sectors(setup))
 
 
-def unlike_motors(setup: WorkspaceSetup) -> Motors:
+def motor_sectors(setup: WorkspaceSetup) -> Motors:
     """How far motors are from alike, in sectors that hold all joints, of torque drives."""
     joints, gains, apart = setup.law.joints, setup.gains, motors_apart(setup)
     twists = joints.stiffness / joints.motor_inertia / gains.motor - 1.0
