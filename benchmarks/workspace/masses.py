@@ -30,7 +30,7 @@ from flexhinf.design.workspace.search import BANDWIDTHS, RANDOM, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.multipliers import small_gain_tolerance
-from flexhinf.modal.popov import EXACT, SYMMETRIC, Errors, Sector
+from flexhinf.modal.pair_errors import EXACT, SYMMETRIC, Errors, Sector
 from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.modal.unstable import smallest_unstable
 from flexhinf.numerals import at_most

@@ -24,7 +24,7 @@ from flexhinf.design.workspace.masses import stated_errors
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
-from flexhinf.modal.popov import Sector
+from flexhinf.modal.pair_errors import Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot.workspace import workspace_of
 

@@ -21,17 +21,17 @@ from flexhinf.certify.checker.worst_forms import WorstForms, add
 from flexhinf.design.workspace.pair_proof import Numbers, claim_numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
-from flexhinf.modal.pair_errors import MotorWeights
-from flexhinf.modal.popov import (
+from flexhinf.modal.pair_errors import (
     EXACT,
     ChannelWeights,
     Errors,
     FilterWeights,
+    MotorWeights,
     Multipliers,
-    PairStorages,
     Sector,
-    worst_period,
 )
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 
 PERIOD, ENDS, LINK = 1e-3, (100.0**2, 500.0**2), 150.0**2

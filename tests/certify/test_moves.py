@@ -33,7 +33,8 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import moves as search, pair_gains
 from flexhinf.modal.moves import fastest_moves, free_loop, storage_of
-from flexhinf.modal.popov import Errors, Multipliers, PairStorages, Sector
+from flexhinf.modal.pair_errors import Errors, Multipliers, Sector
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.numerals import at_least
 from flexhinf.pages.workspace_check import pair_text

@@ -11,15 +11,9 @@ from flexhinf.certify.checker.pair_flow import free_flow
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
 from flexhinf.design.workspace.pair_proof import claim_numbers
 from flexhinf.modal import pair_gains
-from flexhinf.modal.popov import (
-    EXACT,
-    Errors,
-    FilterWeights,
-    Multipliers,
-    PairStorages,
-    Sector,
-    worst_period,
-)
+from flexhinf.modal.pair_errors import EXACT, Errors, FilterWeights, Multipliers, Sector
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: A box of λ and of θ, the unknown delay, and how large errors are.

@@ -10,7 +10,8 @@ from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
 from flexhinf.copies import shared_out
 from flexhinf.design.workspace.pair_proof import pair_certificate
 from flexhinf.modal import pair_gains
-from flexhinf.modal.popov import Errors, Multipliers, PairStorages, Sector
+from flexhinf.modal.pair_errors import Errors, Multipliers, Sector
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.processors import limited_threads
 

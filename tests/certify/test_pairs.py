@@ -28,7 +28,7 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import ModalLaw, pair_gains
 from flexhinf.modal.multipliers import popov_tolerance, small_gain_tolerance
-from flexhinf.modal.popov import (
+from flexhinf.modal.pair_errors import (
     EXACT,
     SYMMETRIC,
     ChannelWeights,
@@ -36,10 +36,10 @@ from flexhinf.modal.popov import (
     FilterWeights,
     MotorWeights,
     Multipliers,
-    PairStorages,
     Sector,
-    worst_period,
 )
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.modal.unstable import smallest_unstable
 from flexhinf.robot import load_robot

@@ -21,17 +21,17 @@ from flexhinf.design.workspace.proof import pair_verdict
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
-from flexhinf.modal.popov import (
+from flexhinf.modal.pair_errors import (
     EXACT,
     SYMMETRIC,
     ChannelWeights,
     Errors,
     FilterWeights,
     Multipliers,
-    PairStorages,
     Sector,
-    worst_period,
 )
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import SampledPairs
 from flexhinf.pages.workspace_check import pair_text
 from flexhinf.pages.workspace_proof import delay_text

@@ -28,16 +28,16 @@ from flexhinf.design.workspace.proof import sampled_pairs
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
-from flexhinf.modal.popov import (
+from flexhinf.modal.pair_errors import (
     ChannelWeights,
     Errors,
     FilterWeights,
     MotorWeights,
     Multipliers,
-    PairStorages,
     Sector,
-    worst_period,
 )
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import PairStorages
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.plant.joints import elastic_joints
 from flexhinf.robot.workspace import workspace_of

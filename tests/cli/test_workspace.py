@@ -21,7 +21,7 @@ from flexhinf.design.workspace import preset, proof as workspace_proof
 from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.multipliers import PopovTolerance
-from flexhinf.modal.popov import Errors, Sector
+from flexhinf.modal.pair_errors import Errors, Sector
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 # Every design compiles its loops for a few runs: compiled in half the time.

@@ -16,7 +16,7 @@ from flexhinf.design.workspace.proof import RANGE_POSES, RANGE_SEED, poses_outsi
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal.popov import Sector
+from flexhinf.modal.pair_errors import Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot.workspace import workspace_of
 

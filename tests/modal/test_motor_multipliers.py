@@ -16,16 +16,9 @@ from flexhinf.design.workspace.search import RANDOM
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import motor_multipliers as search, pair_gains
 from flexhinf.modal.multipliers import popov_tolerance
-from flexhinf.modal.popov import (
-    NONE,
-    ChannelWeights,
-    Errors,
-    FilterWeights,
-    Multipliers,
-    Sector,
-    gain_peak,
-    worst_period,
-)
+from flexhinf.modal.pair_errors import NONE, ChannelWeights, Errors, FilterWeights, Multipliers, Sector
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import gain_peak
 from flexhinf.modal.sampled_pairs import Motors, SampledPairs
 from flexhinf.robot.workspace import workspace_of
 

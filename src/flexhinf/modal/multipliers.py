@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from flexhinf.modal.popov import (
+from flexhinf.modal.pair_errors import (
     NONE,
     SYMMETRIC,
     ChannelWeights,
@@ -22,10 +22,9 @@ from flexhinf.modal.popov import (
     FilterWeights,
     Multipliers,
     Sector,
-    gain_peak,
-    near_modes,
-    worst_period,
 )
+from flexhinf.modal.pair_period import worst_period
+from flexhinf.modal.popov import gain_peak, near_modes
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Relative accuracy of a tolerance, and the smallest one.

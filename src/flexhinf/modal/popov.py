@@ -39,39 +39,12 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.modal.pair_errors import (
-    EXACT,
     NONE,
-    SYMMETRIC,
-    ChannelWeights,
     Errors,
-    FilterWeights,
-    MotorWeights,
     Multipliers,
-    Sector,
 )
 from flexhinf.modal.pair_period import WorstPeriod, worst_period
 from flexhinf.modal.sampled_pairs import SampledPairs
-
-__all__ = [
-    "EXACT",
-    "NONE",
-    "SYMMETRIC",
-    "ChannelWeights",
-    "Errors",
-    "FilterWeights",
-    "MotorWeights",
-    "Multipliers",
-    "PairStorages",
-    "Sector",
-    "Storages",
-    "WorstPeriod",
-    "gain_peak",
-    "gains_at",
-    "near_modes",
-    "seen_frequencies",
-    "storages",
-    "worst_period",
-]
 
 #: Distances from a mode's angle at which frequencies are looked at, in those of the mode from the unit circle.
 NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])

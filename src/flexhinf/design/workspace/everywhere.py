@@ -37,7 +37,7 @@ from flexhinf.design.workspace.masses import (
 )
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal.popov import Sector
+from flexhinf.modal.pair_errors import Sector
 from flexhinf.plant.joints import coupling_of, elastic_joints, link_compliance
 from flexhinf.robot import Robot
 from flexhinf.robot.arm import Pendulum

@@ -13,7 +13,7 @@ from flexhinf.design.plans import true_robot
 from flexhinf.design.responses import with_values
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal.popov import EXACT, Errors, Sector
+from flexhinf.modal.pair_errors import EXACT, Errors, Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import Parameter, corner_groups, payload_masses, random_signs

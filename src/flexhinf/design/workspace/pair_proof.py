@@ -22,7 +22,8 @@ from flexhinf.certify.checker.pairs import Box, box_proved, regular_at_first
 from flexhinf.copies import shared_out
 from flexhinf.modal.motor_multipliers import motor_tolerance
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
-from flexhinf.modal.popov import NONE, Errors, MotorWeights, PairStorages, Sector, Storages
+from flexhinf.modal.pair_errors import NONE, Errors, MotorWeights, Sector
+from flexhinf.modal.popov import PairStorages, Storages
 from flexhinf.modal.sampled_pairs import SampledPairs
 
 #: Length in log λ of a part of the range that is proved by itself.
