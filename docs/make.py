@@ -173,24 +173,8 @@ def _wrapped(names: list[str], indent: str) -> list[str]:
     return [*lines, line.rstrip()] if line.strip() else lines
 
 
-def size() -> str:
-    """Files, lines and statements of every room; lines and statements with three digits."""
-    named = [room for row in floors() for room in row if (PACKAGE / room).is_dir()]
-    own, every = sorted(PACKAGE.glob("*.py")), sorted(PACKAGE.rglob("*.py"))
-    groups = {f"`{room}`": sorted((PACKAGE / room).rglob("*.py")) for room in named}
-    lines = ["| room | files | lines | statements |", "|---|---:|---:|---:|"]
-    for name, files in (*groups.items(), ("the package's own files", own), ("all", every)):
-        texts = [file.read_text(encoding="utf-8") for file in files]
-        statements = sum(isinstance(node, ast.stmt) for text in texts for node in ast.walk(ast.parse(text)))
-        counts = sum(len(text.splitlines()) for text in texts), statements
-        lines.append(
-            f"| {name} | {len(files)} | " + " | ".join(f"{float(f'{n:.3g}'):,.0f}" for n in counts) + " |"
-        )
-    return "\n".join(lines)
-
-
 def counts() -> str:
-    """What says how large and how tidy the package is."""
+    """What each room has, which says how large the package is."""
     made: str = runpy.run_path(str(ROOT / "docs" / "counts.py"))["table"]()
     return made
 
@@ -476,7 +460,6 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/options.md", options),
     "rooms": ("docs/architecture.md", rooms),
     "followed": ("docs/architecture.md", followed),
-    "size": ("docs/architecture.md", size),
     "counts": ("docs/architecture.md", counts),
     "frozen": ("docs/architecture.md", benchmark("benchmarks.frozen", "--table")),
     "arm": ("docs/hardware.md", arm),
