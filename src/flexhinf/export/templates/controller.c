@@ -39,7 +39,10 @@ const @{name}_param @{name}_defaults = {
 @{defaults}
     },
     @{number(code.oldest)},
-    @{missing}
+    @{missing},
+    @{longest_unseen},
+    @{stop_on},
+    @{category}
 };
 
 /* Where the parts of the memory begin. */
@@ -47,6 +50,11 @@ const @{name}_param @{name}_defaults = {
 
 static const real @{name}_initial_memory[@{NAME}_MEMORY] = {
 @{initial}
+};
+
+/* Before a stop. */
+static const real @{name}_initial_stop[@{stop_size}] = {
+@{initial_stop}
 };
 
 /* The input before the first sample, within its limits. */
@@ -73,20 +81,45 @@ static int @{name}_some(const real *y)
 static int @{name}_believed(const @{name}_state *state, const @{name}_param *param, const real *y)
 {
     real some[1];
-    @{plausible}(y, state->memory + @{NAME}_AT_SEEN{% for part in ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE") %}, param->value + @{NAME}_P_@{part}{% endfor %}, some);
+    @{plausible}(y, state->memory, param->value, some);
     return (some[0] > @{zero}) ? 1 : 0;
+}
+
+/* What the caller says of the readings, for the step: those that are not fresh are missing, and a pause since the step
+ * before is no jump: after a long one, what they are off by is taken in slowly, as at a start. */
+static void @{name}_look(@{name}_state *state, const @{name}_input *input, real *y)
+{
+    const real periods = input->elapsed / @{NAME}_PERIOD;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        real *const since = state->memory + @{NAME}_AT_READINGS_SINCE + i;
+        y[i] = (input->fresh[i] >= 0) ? input->y[i] : HUGE_VAL@{F};
+        state->memory[@{NAME}_AT_READINGS_FRESH + i] = (input->fresh[i] > 0) ? @{unity} : @{zero};
+        if (periods > @{number(pause[0])} && isfinite(periods) != 0) {
+            *since += (*since > @{zero}) ? periods - @{unity} : @{zero};
+{% if "offset_known" in places %}
+            if (periods > @{number(pause[1])}) {
+                state->memory[@{NAME}_AT_OFFSET_KNOWN + i] = @{zero};
+            }
+{% endif %}
+        }
+    }
+{% if "motion" in places %}
+    for (int i = 0; i < @{pairs} && periods > @{number(pause[1])}; ++i) {
+        state->memory[@{NAME}_AT_MOTION_KNOWN + i] = @{zero};
+    }
+{% endif %}
 }
 
 {% endif %}
 static int @{name}_predict(@{name}_state *state, const @{name}_param *param,
-                          const @{name}_input *input{% if plausible %}, int in_time{% endif %})
+                          const @{name}_input *input{% if plausible %}, const real *y, int in_time{% endif %})
 {
     real nothing[@{NAME}_MEASUREMENTS];
     int code;
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
 {% if plausible %}
 {# what is there is not believed, and counted #}
-        nothing[i] = (in_time != 0) ? input->y[i] : HUGE_VAL@{F};
+        nothing[i] = (in_time != 0) ? y[i] : HUGE_VAL@{F};
 {% else %}
         nothing[i] = @{number(infinity)};
 {% endif %}
@@ -155,6 +188,8 @@ static void @{name}_begin(@{name}_state *state)
         state->unseen[i] = 0;
     }
     state->slip = @{zero};
+    @{name}_copy(@{name}_initial_stop, state->stop, @{stop_size});
+    @{name}_copy(state->start + @{NAME}_AT_U, state->stop + @{stop_last}, @{NAME}_INPUTS);
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -300,11 +335,12 @@ static NOINLINE void @{name}_hold(const @{name}_state *state, const @{name}_para
     }
     output->status = 0;
 {% if "status" in places %}
-    static const int bits[6] = {
-        @{NAME}_OUTSIDE_WORKSPACE, @{NAME}_LIMIT_CYCLE, @{NAME}_SATURATION, @{NAME}_REACTING, @{NAME}_FOLLOWING_ERROR,
-        @{NAME}_BLOCKED
+    static const int bits[@{flags | length}] = {
+{% for rows in flags | batch(4) %}
+        @{rows | join(", ")}@{"," if not loop.last}
+{% endfor %}
     };
-    for (int i = 0; i < 6; ++i) {
+    for (int i = 0; i < @{flags | length}; ++i) {
         output->status += (state->memory[@{NAME}_AT_STATUS + i] > @{zero}) ? bits[i] : 0;
     }
 {% endif %}
@@ -324,6 +360,11 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 {
     int in_time = 0;
     int code;
+{% if plausible %}
+    real y[@{NAME}_MEASUREMENTS];
+{% else %}
+    const real *const y = input->y;
+{% endif %}
     if (input->measured != 0 && input->age >= @{zero} && input->age <= param->oldest{% if code.predicts and not plausible %} && @{name}_some(input->y) != 0{% endif %}) {
         in_time = 1;
     }
@@ -347,10 +388,13 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 {% endif %}
         return @{NAME}_NOT_INITIALISED;
     }
+{% if plausible %}
+    @{name}_look(state, input, y);
+{% endif %}
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         const int before = state->unseen[i];
         const int more = (before >= 0 && before < MOST_UNSEEN) ? before + 1 : MOST_UNSEEN;
-        state->unseen[i] = (in_time != 0 && isfinite(input->y[i]) != 0) ? 0 : more;
+        state->unseen[i] = (in_time != 0 && isfinite(y[i]) != 0) ? 0 : more;
     }
     if (input->elapsed >= @{zero} && input->elapsed <= @{zero}) {
         state->slip = @{zero};
@@ -361,8 +405,8 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
         code = REFUSED;
     } else if (state->slip > @{number(0.1)} || state->slip < @{number(-0.1)}) {
         code = @{NAME}_BAD_PERIOD;
-    } else if (in_time != 0{% if plausible %} && @{name}_believed(state, param, input->y) != 0{% endif %}) {
-        code = @{code.call("input->y")};
+    } else if (in_time != 0{% if plausible %} && @{name}_believed(state, param, y) != 0{% endif %}) {
+        code = @{code.call("y")};
         if (code == @{NAME}_BAD_COMMAND) { /* its measurement was not used, and counts as none */
             if (state->waiting != 0) {
                 code = @{NAME}_WAITING;
@@ -382,7 +426,7 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
         code = @{NAME}_WAITING;
     } else if (state->missing < param->missing_limit && state->missing >= 0) {
         state->missing += 1;
-        code = {% if code.predicts %}@{name}_predict(state, param, input{% if plausible %}, in_time{% endif %}){% else %}@{NAME}_STOPPED{% endif %};
+        code = {% if code.predicts %}@{name}_predict(state, param, input{% if plausible %}, y, in_time{% endif %}){% else %}@{NAME}_STOPPED{% endif %};
     } else {
         code = @{NAME}_STOPPED;
     }
@@ -405,6 +449,69 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     return code;
 }
 
+/* Reasons of a stop at this sample, 1 or 0 each. */
+static void @{name}_reasons(const @{name}_state *state, const @{name}_param *param, int code, real *reasons)
+{
+    int lost = 0;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+{% if plausible %}
+        const real since = state->memory[@{NAME}_AT_READINGS_SINCE + i], refused = state->memory[@{NAME}_AT_READINGS_LOST + i];
+        lost += (since > (real)(param->longest_unseen + 1) || refused > (real)param->longest_unseen) ? 1 : 0;
+{% endif %}
+        lost += (state->unseen[i] > param->longest_unseen) ? 1 : 0;
+    }
+    reasons[0] = (lost > 0 && code != @{NAME}_WAITING) ? @{unity} : @{zero};
+    reasons[1] = (code == @{NAME}_BAD_PERIOD) ? @{unity} : @{zero};
+    reasons[2] = (@{fails}) ? @{unity} : @{zero};
+{% for sign in signs %}
+    reasons[@{loop.index + 2}] = state->memory[@{NAME}_AT_STATUS_@{sign | upper}];
+{% endfor %}
+    for (int i = @{(signs | length) + 3}; i < @{reasons | length}; ++i) {
+        reasons[i] = @{zero};
+    }
+    for (int i = 0; i < @{reasons | length}; ++i) {
+        reasons[i] = (((unsigned int)param->stop_on >> i) % 2u == 1u) ? reasons[i] : @{zero};
+    }
+}
+
+int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output)
+{
+    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], speeds[@{NAME}_INPUTS] = {@{zero}}, next[@{stop_size}];
+    const real category = (real)param->category;
+    int power = 0;
+    output->stop = 0;
+    if (state->mark != INITIALISED) {
+        output->stop = @{NAME}_STOP_STEP_FAILED;
+        return 0;
+    }
+    @{name}_reasons(state, param, code, reasons);
+    @{name}_copy(state->stop + @{stop_last}, hold, @{NAME}_INPUTS);
+{% if code.rests %}
+#ifndef @{NAME}_WITHOUT_REST
+    if (@{name}_same(reasons, @{name}_initial_stop, @{reasons | length}) == 0) { /* what holds it where it is commanded */
+        real rest[@{NAME}_STATES + @{NAME}_INPUTS];
+        if (@{name}_rest(param, state->memory + @{NAME}_AT_REFERENCE, rest) == @{NAME}_OK) {
+            @{name}_copy(rest + @{NAME}_STATES, hold, @{NAME}_INPUTS);
+        }
+    }
+#endif
+{% endif %}
+{% for place in moved %}
+{% if place is not none %}
+    if (state->memory[@{NAME}_AT_READINGS_SINCE + @{place}] <= @{unity}) { /* it is believed */
+        speeds[@{loop.index0}] = state->memory[@{NAME}_AT_READINGS_SPEED + @{place}] / @{NAME}_PERIOD;
+    }
+{% endif %}
+{% endfor %}
+    @{decided}(state->stop, reasons, output->u, hold, speeds, &category, param->value, output->u, next);
+    @{name}_copy(next, state->stop, @{stop_size});
+    for (int i = 0; i < @{reasons | length}; ++i) {
+        output->stop += (state->stop[i] > @{zero}) ? 1 << i : 0;
+    }
+    power = (state->stop[@{reasons | length}] > @{zero}) ? 1 : 0;
+    return power;
+}
+
 #ifndef @{NAME}_WITHOUT_CHECK
 /* Numbers that may differ from the design's: of which other they are less (-1: of none), what is physical, and what the
  * design was made for. */
@@ -419,16 +526,17 @@ static const struct {
 
 static real @{name}_number(const @{name}_param *param, int place)
 {
+    const int whole[4] = {param->missing_limit, param->longest_unseen, param->stop_on, param->category};
     return (place < @{NAME}_PARAMETERS)    ? param->value[place]
            : (place == @{NAME}_PARAMETERS) ? param->oldest
-                                         : (real)param->missing_limit;
+                                         : (real)whole[place - @{NAME}_PARAMETERS - 1];
 }
 
 int @{name}_check(const @{name}_param *param, int *place)
 {
     int worst = @{NAME}_PARAM_OK;
     int row = 0;
-    for (int i = 0; i < @{NAME}_PARAMETERS + 2; ++i) {
+    for (int i = 0; i < @{NAME}_PARAMETERS + 5; ++i) {
         const real value = @{name}_number(param, i), design = @{name}_number(&@{name}_defaults, i);
         int found = @{NAME}_PARAM_BEYOND_DESIGN;
         int equal = 0;

@@ -1,0 +1,434 @@
+"""Limits of a robot's motion within its tolerances, for the protective stop of its controller.
+
+All numbers follow from the robot's file and the controller: what its motors may lack of their accelerations from the
+tolerances of what moves them, speeds from its limits, ways from the controller's governor and supervision.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.export.plausible import IN_PYTHON, NOISE, TWICE, measurement_limits
+from flexhinf.loop import Controller
+from flexhinf.loop.controller.protection import OBSERVED, WINDOW, Protection
+from flexhinf.robot.elastic import INNER, stated_curve
+from flexhinf.robot.parameters import per_joint
+
+if TYPE_CHECKING:
+    from flexhinf.arrays import Matrix, Vector
+    from flexhinf.robot import Robot
+
+#: Tolerance of what moves a motor where the file states none.
+UNSTATED = 0.1
+
+#: Numbers that are what they are without a tolerance.
+EXACT = ("gear_ratio", "gravity")
+
+#: Dry friction of a motor where the file states none, as a share of the largest torque that its limits leave; and how
+#: many times the stated one may be there, as it may turn where the observer has none.
+DRY, REVERSED = 0.05, 2.0
+
+#: Errors of an encoder's zero that do not stop the robot, rad or m.
+OFFSET = 1e-3
+
+#: How many times its limit a joint may be as fast; share of a limit in which a window holds noise and steps of values.
+FASTER, SHARE = 1.5, 0.1
+
+#: Share of a rate that is rounding.
+ROUNDING = 1e-9
+
+#: Poses at which weights are looked at, and the seed by which they are drawn.
+POSES, SEED = 32, 20261130
+
+#: Ways away from a command where a controller has no governor and no supervision of its following errors, rad, and m of
+#: a joint that slides.
+AWAY, AWAY_SLIDING = 0.08, 0.008
+
+#: Acceleration of links and motors that a work has beside the weight, rad/s² or m/s²: as where no motor has a limit.
+ACCELERATION = 50.0
+
+#: Share of an input's range that a swing has which counts always; times the smallest one where it has no range.
+LARGE, TIMES = 0.5, 5.0
+
+#: Share of the largest stable damping by which a controlled stop slows a motor down.
+SLOWING = 0.25
+
+
+def protected(
+    controller: Controller, robot: Robot | None, speeds: Vector | None = None
+) -> tuple[Controller, str]:
+    """The same controller with limits of measurements and a `flexhinf.loop.Protection`, as far as it has none; and what
+    is not checked, as a sentence with its remedy, or "".
+
+    Parameters
+    ----------
+    controller : Controller
+        With an estimator.
+    robot : Robot
+        Of its design.
+    speeds : (n,) array, optional
+        Largest speeds of the links, rad/s or m/s, infinite for none; those of the robot by default.
+
+    Raises
+    ------
+    InvalidInput
+        Without a robot or an estimator.
+    """
+    if robot is None or controller.estimator is None:
+        raise InvalidInput(
+            "Nothing says which measurements are plausible.",
+            f"expected an estimator and a robot file, got {'no robot' if controller.estimator else 'no estimator'}",
+            "a design in the place of its controller's file, with limits and speed_limit = 4.0 in its robot file; "
+            f"{IN_PYTHON}",
+        )
+    options: dict[str, Any] = {}
+    limits, unchecked = measurement_limits(controller, robot, speeds)
+    if controller.measurement_limits is None:
+        options["measurement_limits"] = limits
+    if controller.protection is None and controller.supervision is not None:
+        fastest = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
+        options["protection"] = _Protected(controller, robot, fastest).protection
+    return (controller.fresh(**options) if options else controller), unchecked
+
+
+@dataclass(frozen=True, eq=False)
+class _Protected:
+    """A controller, its robot, and the largest speeds of its links (n,)."""
+
+    controller: Controller
+    robot: Robot
+    speeds: Vector
+
+    @property
+    def protection(self) -> Protection:
+        c, noise = self.controller, self.noise
+        steps = np.where(self.steps > 0.0, self.steps, np.sqrt(12.0) * noise)
+        fastest = self.fastest
+        window = np.maximum(WINDOW, (NOISE * noise + 2.0 * steps) / (SHARE * fastest))
+        alone = [
+            name for name in self.signals("motor_position") if name in c.measured and name not in self.motors
+        ]
+        return Protection(
+            speed=fastest.tolist(),
+            window=window.tolist(),
+            step=np.where([self.is_position(name) for name in c.measured], steps, np.inf).tolist(),
+            distance=self.ways[0].tolist(),
+            travel=self.ways[1].tolist(),
+            swing=self.swings.tolist(),
+            damping=self.damping.tolist(),
+            brakes=list(self.robot.brakes),
+            drive=self.robot.drive if self.robot.drive in INNER else "torque",
+            moved=[self.seen_of(j) for j in range(self.n)],
+            motors=self.motors,
+            twists=[self.twist_of(j) for j in self.watched],
+            inputs=[c.law.input_names[j] for j in self.watched],
+            links=self.links,
+            shares=self.robot.layout.matrix[self.watched].T[: len(self.links)].tolist(),
+            compliance=self.compliance.tolist(),
+            rates=self.rates[:, self.watched].tolist(),
+            spreads=self.spreads[:, :, self.watched].tolist(),
+            floor=self.floor[self.watched].tolist(),
+            alone=alone,
+            hardest=self.hardest[[self.signals("motor_position").index(name) for name in alone]].tolist(),
+        )
+
+    # Signals ------------------------------------------------------------------------------------------
+    @property
+    def n(self) -> int:
+        return len(self.robot.joint_names)
+
+    def signals(self, quantity: str) -> list[str]:
+        """Names of a quantity of the joints."""
+
+        return [per_joint(quantity, joint, self.n) for joint in self.robot.joint_names]
+
+    def is_position(self, name: str) -> bool:
+        return name in self.signals("link_position") or name in self.signals("motor_position")
+
+    @cached_property
+    def noise(self) -> Vector:
+        """Standard deviations of the measurements (p,)."""
+        assert self.controller.estimator is not None
+        return np.sqrt(np.diag(np.atleast_2d(self.controller.estimator.measurement_noise)))
+
+    def noise_of(self, name: str) -> float:
+        """That of a signal; 0 of one that is not measured."""
+        measured = self.controller.measured
+        return float(self.noise[measured.index(name)]) if name in measured else 0.0
+
+    @cached_property
+    def steps(self) -> Vector:
+        """Steps of the values of the measurements (p,), 0 where the file states none."""
+        stated = {sensor.signal: sensor.step for sensor in self.robot.sensors}
+        return np.array([stated.get(name, 0.0) for name in self.controller.measured])
+
+    @cached_property
+    def links(self) -> list[str]:
+        """Signals of the links' positions where all are measured, else none."""
+        names = self.signals("link_position")
+        return names if set(names) <= set(self.controller.measured) else []
+
+    def twist_of(self, joint: int) -> str:
+        """The signal that tells the twist of a joint's spring beside the links; "" where these tell it, or nothing."""
+        if self.links:
+            return ""
+        names = [self.signals(quantity)[joint] for quantity in ("deflection", "joint_torque")]
+        return next((name for name in names if name in self.controller.measured), "")
+
+    @cached_property
+    def watched(self) -> list[int]:
+        """Joints whose encoder of the motor another reading contradicts."""
+        motors, elastic = self.signals("motor_position"), self.elastic
+        seen = [j for j in range(self.n) if elastic[j] and motors[j] in self.controller.measured]
+        return [j for j in seen if self.links or self.twist_of(j)]
+
+    @property
+    def motors(self) -> list[str]:
+        return [self.signals("motor_position")[j] for j in self.watched]
+
+    @property
+    def elastic(self) -> list[bool]:
+        return [joint not in self.robot.rigid for joint in self.robot.joint_names]
+
+    def seen_of(self, joint: int) -> str:
+        """The signal that tells the speed of what an input moves; "" where none does."""
+        names = [self.signals(quantity)[joint] for quantity in ("motor_position", "link_position")]
+        return next((name for name in names if name in self.controller.measured), "")
+
+    # Motors -------------------------------------------------------------------------------------------
+    def _slopes(self, x: Vector, u: Vector, values: Vector) -> list[Matrix]:
+        """Jacobians of the flow in x, u and d, of a plant with these parameters."""
+        parts = self.plant.traced_jacobians(x, u, np.zeros(len(self.plant.disturbances)), values)
+        return [np.asarray(part, dtype=float) for part in parts[:3]]
+
+    def _rates(self, values: Vector, twist: float = 0.0) -> Matrix:
+        """Accelerations of the motors per input, position, twist, speed and speed of the twist (5, n), of a plant with
+        these parameters; zero of rigid joints."""
+        n, states = self.n, list(self.plant.states)
+        x, u = np.array(self.home[0]), np.array(self.home[1])
+        names = [
+            self.signals(quantity)
+            for quantity in ("link_position", "link_velocity", "motor_position", "motor_velocity")
+        ]
+        for j in range(n):
+            if self.elastic[j]:
+                x[states.index(names[2][j])] += twist
+        a, b, _ = self._slopes(x, u, values)
+        found = np.zeros((5, n))
+        for j in range(n):
+            if not self.elastic[j]:
+                continue
+            row, own = states.index(names[3][j]), float(self.robot.layout.matrix[j, j])
+            places = [states.index(names[k][j]) for k in range(4)]
+            spring, rubs = (-a[row, place] / own for place in places[:2])  # per twist, and per its speed
+            found[:, j] = b[row, j], a[row, places[2]] - spring, spring, a[row, places[3]] - rubs, rubs
+        return found
+
+    @cached_property
+    def plant(self) -> Any:
+        """The robot's, with springs as they are."""
+
+        parameters = self.robot.plant_parameters()
+        extras = [name for name in ("joint_damping",) if np.any(np.asarray(parameters.get("damping", 0.0)))]
+        return self.robot.plant(extras=(*extras, *stated_curve(parameters)))
+
+    @cached_property
+    def home(self) -> tuple[Vector, Vector]:
+        """State and input at rest at home."""
+        return self.robot.operating_point()
+
+    def _vector(self, values: dict[str, float]) -> Vector:
+        """Parameters of the plant, of the robot with some other numbers."""
+        known = self.plant.parameters.known(self.robot.plant_parameters({**self.robot.nominal, **values}))
+        return self.plant.parameters.replaced(known).vector()
+
+    @cached_property
+    def rates(self) -> Matrix:
+        return self._rates(self._vector({}))
+
+    @cached_property
+    def spreads(self) -> np.ndarray:
+        """By how much the rates differ (G, 5, n) at the upper ends of the tolerances, of each joint its own."""
+        rows: list[list[Matrix]] = [[] for _ in range(self.n)]
+        for name in self.robot.nominal:
+            parameter = self.robot[name]
+            low, high = parameter.interval
+            value = parameter.value
+            away = max(high - value, value - low) or UNSTATED * abs(value)
+            if not away or name.startswith(EXACT):
+                continue
+            change = self._rates(self._vector({name: value + away})) - self.rates
+            change = np.where(np.abs(change) > ROUNDING * np.abs(self.rates), change, 0.0)
+            for j in np.flatnonzero(change.any(axis=0)):
+                rows[j].append(change[:, j])
+        for sign in (-1.0, 1.0):  # springs whose stiffness depends on the load
+            change = self._rates(self._vector({}), sign * float(self.twist.max())) - self.rates
+            change = np.where(np.abs(change) > ROUNDING * np.abs(self.rates), change, 0.0)
+            for j in np.flatnonzero(change.any(axis=0)):
+                rows[j].append(change[:, j])
+        spread = np.zeros((max(map(len, rows)), 5, self.n))
+        for j, own in enumerate(rows):
+            spread[: len(own), :, j] = np.array(own).reshape(-1, 5)
+        return spread
+
+    @cached_property
+    def stiffness(self) -> Vector:
+        """Of the springs (n,); infinite of rigid joints."""
+        with np.errstate(divide="ignore"):
+            return np.where(self.elastic, self.rates[2] * -self.motor_inertia, np.inf)
+
+    @cached_property
+    def _felt(self) -> tuple[Matrix, Vector]:
+        """Inertia of the links (n, n), and of the motors (n,), at home."""
+        states, torques = list(self.plant.states), list(self.plant.disturbances)
+        felt = self._slopes(*self.home, self._vector({}))[2]
+
+        def block(velocity: str, torque: str) -> Matrix:
+            rows = [states.index(name) if name in states else -1 for name in self.signals(velocity)]
+            columns = [torques.index(name) for name in self.signals(torque)]
+            return np.where(np.array(rows)[:, None] >= 0, felt[np.ix_(rows, columns)], 0.0)
+
+        motors = np.diag(block("motor_velocity", "motor_torque"))
+        return np.linalg.inv(block("link_velocity", "link_torque")), 1.0 / np.where(
+            motors > 0.0, motors, np.inf
+        )
+
+    @property
+    def link_inertia(self) -> Vector:
+        """Of each link with those behind it (n,)."""
+        return np.diag(self._felt[0])
+
+    @property
+    def motor_inertia(self) -> Vector:
+        """Seen from the link (n,), as far as it moves with the load that its drive leaves; 0 of rigid joints."""
+        return self._felt[1]
+
+    @cached_property
+    def weights(self) -> Vector:
+        """Largest torques of the springs at rest (n,), at some poses, with the heaviest links."""
+        low, high = np.array(
+            [self.plant.limits.get(name, (-np.pi, np.pi)) for name in self.signals("link_position")],
+            dtype=float,
+        ).T
+        poses = np.random.default_rng(SEED).uniform(low, high, (POSES, self.n))
+        x, _ = self.robot.inverse_dynamics(poses, 0.0 * poses, 0.0 * poses, parameters=self.robot.heaviest)
+        motors = [
+            list(self.robot.plant().states).index(name)
+            for name, own in zip(self.signals("motor_position"), self.elastic)
+            if own
+        ]
+        elastic = np.array(self.elastic)
+        twist = x[:, motors] - (poses @ self.robot.layout.matrix.T)[:, elastic]
+        largest = np.zeros(self.n)
+        largest[elastic] = np.abs(twist).max(axis=0) * self.stiffness[elastic]
+        return largest
+
+    @cached_property
+    def torque(self) -> Vector:
+        """Torque by which a motor holds the weight and accelerates links and motor by `ACCELERATION`, (n,)."""
+        return self.weights + ACCELERATION * (self.link_inertia + self.motor_inertia)
+
+    @cached_property
+    def twist(self) -> Vector:
+        """Largest twists of springs in a work that nothing disturbs (n,), 0 of rigid joints."""
+        return (self.weights + ACCELERATION * self.link_inertia) / self.stiffness
+
+    @cached_property
+    def largest(self) -> Vector:
+        """Largest torque of a motor (n,), by the limits of its input; of drives with an inner loop `torque`."""
+
+        ends = np.maximum(np.abs(self.controller.limits.lower), np.abs(self.controller.limits.upper))
+        stated = np.abs(self.rates[0]) * self.motor_inertia * ends
+        known = np.isfinite(stated) & (self.robot.drive not in INNER)
+        return np.where(known, stated, TWICE * self.torque)
+
+    @cached_property
+    def floor(self) -> Vector:
+        """Accelerations that are left out of the rates (n,)."""
+        parameters = self.robot.plant_parameters()
+        stated = np.zeros(self.n)
+        for name in ("coulomb_friction", "static_friction"):
+            stated = np.maximum(stated, np.asarray(parameters.get(name, 0.0), dtype=float))
+        dry = np.where(stated > 0.0, REVERSED * (1.0 + UNSTATED) * stated, DRY * self.largest)
+        names = self.signals("link_position"), self.signals("motor_position")
+        noise = np.array([[self.noise_of(name) for name in row] for row in names])
+        heard = np.abs(self.rates[2]) * np.hypot(*noise) + noise[1] / OBSERVED**2
+        gap = np.asarray(parameters.get("backlash", 0.0), dtype=float)
+        inertia = np.where(self.elastic, self.motor_inertia, np.inf)
+        return dry / inertia + np.abs(self.rates[2]) * (OFFSET + gap) + NOISE * heard
+
+    @cached_property
+    def hardest(self) -> Vector:
+        """Largest accelerations of the motors (n,)."""
+        inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
+        return (TWICE * self.largest + self.weights) / inertia
+
+    @cached_property
+    def compliance(self) -> Vector:
+        """Twist per unit of the signals that tell it (g,), 0 where links do."""
+        names = [self.twist_of(j) for j in self.watched]
+        values = {"": 0.0} | {name: 1.0 for name in names if name.startswith("deflection")}
+        return np.array([values.get(name, 1.0 / self.stiffness[j]) for name, j in zip(names, self.watched)])
+
+    # Motion -------------------------------------------------------------------------------------------
+    @cached_property
+    def fastest(self) -> Vector:
+        """Largest speeds of the measurements (p,), infinite where no limit is stated: more than those of the joints by
+        the speed that a spring gives its link when it is let go; motors wind it up as fast."""
+        swing = np.where(self.elastic, 1.0 / np.sqrt(self.stiffness * self.link_inertia), 0.0)
+        links = FASTER * self.speeds + swing * (self.weights + self._resisted)
+        known, turns = np.isfinite(self.speeds), np.abs(self.robot.layout.matrix)
+        motors = FASTER * (turns @ np.where(known, self.speeds, 0.0)) + swing * self.torque
+        motors = np.where(turns[:, ~known].any(axis=1), np.inf, motors)
+        limits = {
+            **dict(zip(self.signals("link_position"), links.tolist())),
+            **dict(zip(self.signals("motor_position"), motors.tolist())),
+        }
+        return np.array([limits.get(name, np.inf) for name in self.controller.measured])
+
+    @property
+    def _resisted(self) -> Vector:
+        """Torques by which joints push against what blocks them (n,)."""
+        governor = self.controller.governor
+        if governor is None or governor.resistance is None:
+            return np.zeros(self.n)
+        return np.array(governor.resistance) * self.link_inertia
+
+    @property
+    def ways(self) -> Matrix:
+        """Distances from the commands where own ways begin to count, and how long these may be (2, k)."""
+        c = self.controller
+        slides = {name: slide for name, slide in zip(self.signals("link_position"), self.robot.links.slides)}
+        unit = np.array([AWAY_SLIDING if slides.get(name) else AWAY for name in c.tracked])
+        distance = unit if c.governor is None else np.array(c.governor.distance)
+        stated = None if c.supervision is None else c.supervision.following
+        following = (
+            2.0 * unit if stated is None else np.broadcast_to(np.asarray(stated, dtype=float), unit.shape)
+        )
+        return np.array([distance, np.maximum(0.5 * following, distance)])
+
+    @property
+    def swings(self) -> Matrix:
+        """Smallest swings of the inputs that count where they grow, and that count always (2, m)."""
+        c = self.controller
+        m = len(c.law.input_names)
+        small = np.asarray(c.watched["swings"][1][:m], dtype=float)
+        span = c.limits.upper - c.limits.lower
+        large = np.where(np.isfinite(span), LARGE * span, TIMES * small)
+        return np.array([np.where(np.isfinite(small), small, large), np.maximum(large, TIMES * small)])
+
+    @property
+    def damping(self) -> Vector:
+        """Input per speed of a motor by which a controlled stop slows it down (m,); 0 of drives that take motions."""
+
+        if self.robot.drive in INNER:
+            return np.zeros(self.n)
+        delay = self.controller.period * (1.0 + self.controller.mode.latency) + WINDOW
+        inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
+        gain = np.where(self.elastic, np.abs(self.rates[0]) * inertia, 1.0)
+        return SLOWING * inertia / (gain * delay)
