@@ -29,6 +29,7 @@ from flexhinf import __version__
 from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.files import check_replaceable, write_file
+from flexhinf.loop.controller.memory import Told
 from flexhinf.validation import checked_path, one_of, read_bytes, real_array, value_text
 
 if TYPE_CHECKING:
@@ -70,7 +71,6 @@ def compile_controller(
 
     from flexhinf.export.controller_c import SOURCES, code_of
     from flexhinf.export.file_list import File, rendered
-    from flexhinf.loop.controller.status import WATCHED
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)
@@ -92,9 +92,9 @@ def compile_controller(
         "status": [
             c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")
         ],
-        "bits": [int(bit) for bit in WATCHED],
+        "bits": [int(bit) for bit in code.flags],
         "rejected": code.rejected,
-        "doubt": code.doubt,
+        "told": Told.places(c.memory.places),
     }
     entry: File[ControllerCode] = File(
         "entry.c",
@@ -295,7 +295,7 @@ class CompiledController:
         self._status_places: list[int | None] = about["status"]
         self._bits = np.array(about["bits"], dtype=float)
         self._rejected_place: int | None = about.get("rejected")
-        self._doubt_place: int | None = about.get("doubt")
+        self._told_places = [(int(row), int(place)) for row, place in about["told"]]
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -361,14 +361,22 @@ class CompiledController:
     @property
     def status(self) -> int:
         """The bits of `Controller.status`: the memory is the first part of the state."""
-        place, doubt = self._status_places[0], self._doubt_place
+        place, doubts = self._status_places[0], [at for row, at in self._told_places if row == 0]
         watched = 0 if place is None else int(self._state[place : place + len(self._bits)] @ self._bits)
-        return watched if doubt is None else watched | int(16.0 * self._state[doubt])
+        return watched | int(16.0 * self._state[doubts[0] - 1]) if doubts else watched
+
+    @property
+    def told(self) -> Told:
+        """As `Controller.told`."""
+        counts = [0.0, 0.0, 0.0]
+        for row, place in self._told_places:
+            counts[row] = float(self._state[place])
+        return Told(*counts)
 
     @property
     def doubtful_samples(self) -> int:
         """As `Controller.doubtful_samples`."""
-        return 0 if self._doubt_place is None else int(self._state[self._doubt_place + 1])
+        return int(self.told.doubtful)
 
     @property
     def rejected(self) -> np.ndarray:

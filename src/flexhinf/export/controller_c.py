@@ -334,7 +334,7 @@ class ControllerCode:
             "missing": self.missing,
             "stop_size": stop_size(self.sizes["u"]),
             "spacing": SPACING,
-            "longest_unseen": self.whole_numbers[1],
+            "longest_unseen": self.longest_unseen,
         }
 
     def _files(self, digest: str) -> dict[str, str]:
@@ -416,14 +416,19 @@ class ControllerCode:
         return self.translator.function(trace(some, *sizes, name="plausible"))
 
     @property
-    def whole_numbers(self) -> tuple[int, int, int, int]:
-        """How many measurements may be missing in a row, for how many samples one sensor may be, the bits of what stops
-        the robot, and the category of that stop."""
+    def whole_numbers(self) -> tuple[int, int, int]:
+        """How many measurements may be missing in a row, the bits of what stops the robot, and the category of that
+        stop."""
         protection = self.controller.protection
         stop_on = tuple(STOPS) if protection is None else protection.stop_on
         bits = sum(Stop[name.upper()] for name in stop_on)
-        unseen = MISSING_LIMIT if protection is None else protection.longest_unseen
-        return self.missing, unseen, int(bits), 0 if protection is None else protection.category
+        return self.missing, int(bits), 0 if protection is None else protection.category
+
+    @property
+    def longest_unseen(self) -> int:
+        """Samples for which one sensor may be missing."""
+        protection = self.controller.protection
+        return MISSING_LIMIT if protection is None else protection.longest_unseen
 
     @property
     def stop_text(self) -> str:
@@ -450,7 +455,7 @@ class ControllerCode:
             return acts, np.concatenate(after)
 
         traced = trace(decide, ends[-1], len(Stop), m, m, m, 1, self.sizes["data"], name="decided")
-        _, _, stop_on, category = self.whole_numbers
+        _, stop_on, category = self.whole_numbers
         return {
             "stop_size": ends[-1],
             "stop_last": ends[3],
@@ -461,7 +466,7 @@ class ControllerCode:
             "fails": Markup(
                 " || ".join(f"code == {self.upper(name)}" for name in FAILED if name in self.codes)
             ),
-            "signs": SIGNS if c.protection else (),
+            "signs": len(SIGNS) if c.protection else 0,
             "moved": [None] * m if c.mode.protected is None else c.mode.protected.moved,
             "decided": self.translator.function(traced),
         }

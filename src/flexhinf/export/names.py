@@ -128,6 +128,8 @@ PARTS = {
     "motor_spreads": "by how much these differ at the ends of tolerances",
     "motor_numbers": "of each motor: gains of its observer, accelerations that are left out, twist per unit of the "
     "signal that tells it, shares of the links",
+    "longest_unseen": "samples for which one sensor may be missing or refused",
+    "stop_on": "bits of the signs that stop the robot",
     "hardest": "largest accelerations of motors whose encoders nothing contradicts",
     "workspace": "least and largest commanded positions that the design is for",
     "swings": "of each input, then of each tracked position: how near to a limit counts as at it, the smallest swing, "
@@ -179,6 +181,7 @@ MEMORY = {
     "away": "of each tracked position: its own way away from its command",
     "opposed": "of each input: how long it has been at its limit against the motion",
     "swung": "of each input: what is counted of large and growing swings",
+    "told": "samples so far, the first one at which a sign would stop the robot, and which",
     "pace": "of encoders of motors: how fast they were when they changed last",
 }
 
@@ -199,6 +202,7 @@ ROWS = {
         "following_error": "likewise",
         "blocked": "likewise",
         "repeated_frame": "likewise",
+        "sensor_lost": "likewise",
         "inconsistent": "likewise",
         "running_away": "likewise",
         "too_fast": "likewise",

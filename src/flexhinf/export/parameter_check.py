@@ -48,14 +48,14 @@ def ranges(
     controller: Controller, numbers: np.ndarray, robot: Robot | None, oldest: float, whole: Sequence[int]
 ) -> list[Range]:
     """Ranges of those numbers of a controller that have one, in the order of their places; the last are those of the
-    oldest measurement and of the `whole` numbers: how many may be missing, for how long one sensor may be, what stops
-    the robot, and the category of that stop."""
+    oldest measurement and of the `whole` numbers: how many may be missing, what stops the robot, and the category of
+    that stop."""
     rows = [*_limits(controller, numbers), *_noise(controller, numbers), *_model(controller, robot)]
     end = controller.data.size
-    missing, unseen, stop_on, _ = whole
-    ages = [Range(end + k, -1, 0.0, np.inf, 0.0, float(m)) for k, m in enumerate((oldest, missing, unseen))]
-    stops = Range(end + 3, -1, 0.0, float(max(Stop) * 2 - 1), float(stop_on), float(stop_on))
-    return [*sorted(rows), *ages, stops, Range(end + 4, -1, 0.0, 2.0, 0.0, 2.0)]
+    missing, stop_on, _ = whole
+    ages = [Range(end + k, -1, 0.0, np.inf, 0.0, float(most)) for k, most in enumerate((oldest, missing))]
+    stops = Range(end + 2, -1, 0.0, float(max(Stop) * 2 - 1), float(stop_on), float(stop_on))
+    return [*sorted(rows), *ages, stops, Range(end + 3, -1, 0.0, 2.0, 0.0, 2.0)]
 
 
 def _limits(controller: Controller, numbers: np.ndarray) -> Iterator[Range]:

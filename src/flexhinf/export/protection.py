@@ -60,7 +60,7 @@ SLOWING = 0.25
 
 
 def protected(
-    controller: Controller, robot: Robot | None, speeds: Vector | None = None
+    controller: Controller, robot: Robot | None, speeds: Vector | None = None, steps: Vector | None = None
 ) -> tuple[Controller, str]:
     """The same controller with limits of measurements and a `flexhinf.loop.Protection`, as far as it has none; and what
     is not checked, as a sentence with its remedy, or "".
@@ -73,6 +73,8 @@ def protected(
         Of its design.
     speeds : (n,) array, optional
         Largest speeds of the links, rad/s or m/s, infinite for none; those of the robot by default.
+    steps : (p,) array, optional
+        Steps of the values of the measurements, 0 for none; those of the robot's sensors by default.
 
     Raises
     ------
@@ -92,17 +94,23 @@ def protected(
         options["measurement_limits"] = limits
     if controller.protection is None and controller.supervision is not None:
         fastest = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
-        options["protection"] = _Protected(controller, robot, fastest).protection
+        stated = {sensor.signal: sensor.step for sensor in robot.sensors}
+        own = [stated.get(name, 0.0) for name in controller.measured] if steps is None else steps
+        options["protection"] = _Protected(
+            controller, robot, fastest, np.asarray(own, dtype=float)
+        ).protection
     return (controller.fresh(**options) if options else controller), unchecked
 
 
 @dataclass(frozen=True, eq=False)
 class _Protected:
-    """A controller, its robot, and the largest speeds of its links (n,)."""
+    """A controller, its robot, the largest speeds of its links (n,), and the steps of its measurements (p,), 0 where
+    none is stated."""
 
     controller: Controller
     robot: Robot
     speeds: Vector
+    steps: Vector
 
     @property
     def protection(self) -> Protection:
@@ -160,12 +168,6 @@ class _Protected:
         """That of a signal; 0 of one that is not measured."""
         measured = self.controller.measured
         return float(self.noise[measured.index(name)]) if name in measured else 0.0
-
-    @cached_property
-    def steps(self) -> Vector:
-        """Steps of the values of the measurements (p,), 0 where the file states none."""
-        stated = {sensor.signal: sensor.step for sensor in self.robot.sensors}
-        return np.array([stated.get(name, 0.0) for name in self.controller.measured])
 
     @cached_property
     def links(self) -> list[str]:
@@ -294,9 +296,8 @@ class _Protected:
             return np.where(np.array(rows)[:, None] >= 0, felt[np.ix_(rows, columns)], 0.0)
 
         motors = np.diag(block("motor_velocity", "motor_torque"))
-        return np.linalg.inv(block("link_velocity", "link_torque")), 1.0 / np.where(
-            motors > 0.0, motors, np.inf
-        )
+        links: Matrix = np.array(np.linalg.inv(block("link_velocity", "link_torque")), dtype=np.float64)
+        return links, 1.0 / np.where(motors > 0.0, motors, np.inf)
 
     @property
     def link_inertia(self) -> Vector:
@@ -403,7 +404,7 @@ class _Protected:
     def ways(self) -> Matrix:
         """Distances from the commands where own ways begin to count, and how long these may be (2, k)."""
         c = self.controller
-        slides = {name: slide for name, slide in zip(self.signals("link_position"), self.robot.links.slides)}
+        slides = dict(zip(self.signals("link_position"), self.robot.links.slides))
         unit = np.array([AWAY_SLIDING if slides.get(name) else AWAY for name in c.tracked])
         distance = unit if c.governor is None else np.array(c.governor.distance)
         stated = None if c.supervision is None else c.supervision.following

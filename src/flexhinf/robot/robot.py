@@ -173,7 +173,7 @@ class Robot(Pictured):
         check_sensors(self.name, self.sensors, self.joint_names, self.rigid)
         brakes: tuple[object, ...] = tuple(self.brakes) or (False,) * len(self.joint_names)
         refuse_if(
-            len(brakes) != len(self.joint_names) or not all(isinstance(brake, bool) for brake in brakes),
+            len(brakes) != len(self.joint_names) or not all(type(brake) is bool for brake in brakes),
             f"The brakes of the robot {self.name!r} do not fit its joints.",
             f"expected True or False for each of {list(self.joint_names)}, got {value_text(self.brakes)}",
             "brakes=() for a robot without any; in a robot file brakes = true of a [[joint]]",

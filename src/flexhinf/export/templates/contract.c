@@ -705,7 +705,7 @@ static void checks(void)
         } else if (tried_places[k] == @{NAME}_PARAMETERS) {
             param.oldest = tried_values[k];
         } else {
-            int *const whole[4] = {&param.missing_limit, &param.longest_unseen, &param.stop_on, &param.category};
+            int *const whole[3] = {&param.missing_limit, &param.stop_on, &param.category};
             *whole[tried_places[k] - @{NAME}_PARAMETERS - 1] = (int)tried_values[k];
         }
         expect(@{name}_check(&param, &place) == tried_verdicts[k], "what the check says of a number");

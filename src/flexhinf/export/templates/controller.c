@@ -40,7 +40,6 @@ const @{name}_param @{name}_defaults = {
     },
     @{number(code.oldest)},
     @{missing},
-    @{longest_unseen},
     @{stop_on},
     @{category}
 };
@@ -452,22 +451,27 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 /* Reasons of a stop at this sample, 1 or 0 each. */
 static void @{name}_reasons(const @{name}_state *state, const @{name}_param *param, int code, real *reasons)
 {
+{% if signs %}
+    const int longest = (int)param->value[@{NAME}_P_LONGEST_UNSEEN];
+{% else %}
+    const int longest = @{longest_unseen};
+{% endif %}
     int lost = 0;
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
-{% if plausible %}
-        const real since = state->memory[@{NAME}_AT_READINGS_SINCE + i], refused = state->memory[@{NAME}_AT_READINGS_LOST + i];
-        lost += (since > (real)(param->longest_unseen + 1) || refused > (real)param->longest_unseen) ? 1 : 0;
-{% endif %}
-        lost += (state->unseen[i] > param->longest_unseen) ? 1 : 0;
+        lost += (state->unseen[i] > longest) ? 1 : 0;
     }
-    reasons[0] = (lost > 0 && code != @{NAME}_WAITING) ? @{unity} : @{zero};
-    reasons[1] = (code == @{NAME}_BAD_PERIOD) ? @{unity} : @{zero};
-    reasons[2] = (@{fails}) ? @{unity} : @{zero};
-{% for sign in signs %}
-    reasons[@{loop.index + 2}] = state->memory[@{NAME}_AT_STATUS_@{sign | upper}];
-{% endfor %}
-    for (int i = @{(signs | length) + 3}; i < @{reasons | length}; ++i) {
+    for (int i = 0; i < @{reasons | length}; ++i) {
         reasons[i] = @{zero};
+    }
+    reasons[0] = (code == @{NAME}_BAD_PERIOD) ? @{unity} : @{zero};
+    reasons[1] = (@{fails}) ? @{unity} : @{zero};
+    if (code != @{NAME}_WAITING) {
+        reasons[3] = (lost > 0) ? @{unity} : @{zero};
+{% if signs %}
+        for (int i = 0; i < @{signs}; ++i) {
+            reasons[3 + i] = @{name}_larger(reasons[3 + i], state->memory[@{NAME}_AT_STATUS_SENSOR_LOST + i]);
+        }
+{% endif %}
     }
     for (int i = 0; i < @{reasons | length}; ++i) {
         reasons[i] = (((unsigned int)param->stop_on >> i) % 2u == 1u) ? reasons[i] : @{zero};
@@ -526,7 +530,7 @@ static const struct {
 
 static real @{name}_number(const @{name}_param *param, int place)
 {
-    const int whole[4] = {param->missing_limit, param->longest_unseen, param->stop_on, param->category};
+    const int whole[3] = {param->missing_limit, param->stop_on, param->category};
     return (place < @{NAME}_PARAMETERS)    ? param->value[place]
            : (place == @{NAME}_PARAMETERS) ? param->oldest
                                          : (real)whole[place - @{NAME}_PARAMETERS - 1];
@@ -536,7 +540,7 @@ int @{name}_check(const @{name}_param *param, int *place)
 {
     int worst = @{NAME}_PARAM_OK;
     int row = 0;
-    for (int i = 0; i < @{NAME}_PARAMETERS + 5; ++i) {
+    for (int i = 0; i < @{NAME}_PARAMETERS + 4; ++i) {
         const real value = @{name}_number(param, i), design = @{name}_number(&@{name}_defaults, i);
         int found = @{NAME}_PARAM_BEYOND_DESIGN;
         int equal = 0;

@@ -74,7 +74,6 @@ typedef struct {
     @{name}_real value[@{NAME}_PARAMETERS];
     @{name}_real oldest;     /* s: an older measurement counts as missing */
     int missing_limit;      /* samples without a measurement, one after the other, until the output is held */
-    int longest_unseen;     /* samples for which one sensor may be missing or refused; more for one that is slower than the step */
     int stop_on;            /* bits of what stops the robot; 0: nothing */
     int category;           /* of that stop by IEC 60204-1: 0, power off at once; 1, controlled stop, then off; 2, then held */
 } @{name}_param;

@@ -29,6 +29,7 @@ from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_con
 from flexhinf.loop.controller.measured import Source
 from flexhinf.loop.controller.memory import (
     StateHistory,
+    Told,
     VectorLayout,
     braking_place,
     filler,
@@ -214,7 +215,8 @@ class Controller(Summarised):
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
-            protection.watch(estimator, solution.input_names, self.measurement_limits, supervision) if protection else None,
+            protection.watch(estimator, solution.input_names, self.measurement_limits, supervision) if protection else
+            None,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -543,11 +545,12 @@ class Controller(Summarised):
     def doubtful_samples(self) -> int:
         """At how many samples since the start the estimate was in doubt, see `flexhinf.loop.controller.status`; 0 of an
         estimator that does not say. A filter in the covariance form says no more than that P was repaired."""
-        return int(self.doubts_in(self._history.memory))
+        return int(self.told.doubtful)
 
-    def doubts_in(self, memory: np.ndarray) -> np.ndarray:
-        """The same of a memory (s,), or of memories (s, N) after other runs: (N,)."""
-        return memory[self.memory.places["doubt"]][1] if self.doubts else np.zeros(memory.shape[1:])
+    @property
+    def told(self) -> Told:
+        """Counts since the start."""
+        return Told.in_memory(self.memory.places, self._history.memory)
 
     @property
     def rejected(self) -> np.ndarray:
@@ -560,9 +563,9 @@ class Controller(Summarised):
         return type(self.estimator.initial)(*belief).rejected.astype(int)
 
     def may_act(self) -> bool:
-        """Whether the drives may have power, to be asked after each step, also one that raised, and obeyed: then `output`
-        is what acts. A reason that was there once, see `stop`, stays until `reset`; steps go on as before. It is the
-        decision of the exported C, see `flexhinf.loop.controller.stop`."""
+        """Whether the drives may have power, to be asked after each step, also one that raised, and obeyed: then
+        `output` is what acts. A reason that was there once, see `stop`, stays until `reset`; steps go on as before. It
+        is the decision of the exported C, see `flexhinf.loop.controller.stop`."""
         history, protection = self._history, self.protection
         kept = history.stop or first_stop(history.memory[self.memory.places["u"]])
         drive, numbers = stop_numbers(self)

@@ -19,7 +19,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -147,12 +147,39 @@ SPACING = 32
 #: Of how many steps the mean of their period is taken, and by which part of a period it may be off.
 PERIODS_MEANT, SLIPPED = 32, 0.1
 
-#: Periods between two steps from which on readings may have moved further, and from which on the robot may be elsewhere.
+#: Periods between two steps from which on readings may have moved further, and from which on the robot may be
+#: elsewhere.
 PAUSES = (1.5, 3.0)
 
 #: What is finite before the step, and after it.
 ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
 
+
+class Told(NamedTuple):
+    """Counts of a run, numbers or (N,) of many: samples at which the estimate was in doubt; the first one, from 1 on,
+    at which a protective stop would have begun, 0 for none; and the bits of `flexhinf.loop.Stop` there."""
+
+    doubtful: Any
+    stop_sample: Any
+    stop_bits: Any
+
+    @staticmethod
+    def in_memory(places: Mapping[str, slice], memory: np.ndarray) -> Told:
+        """Those of a memory (s,), or of memories (s, N) after other runs."""
+        none = np.zeros(memory.shape[1:])
+        doubtful = memory[places["doubt"]][1] if "doubt" in places else none
+        return Told(doubtful, *(memory[places["told"]][1:] if "told" in places else (none, none)))
+
+    @staticmethod
+    def places(places: Mapping[str, slice]) -> list[tuple[int, int]]:
+        """Of each count that there is, its place here, and in a memory."""
+        doubts = [(0, places["doubt"].start + 1)] if "doubt" in places else []
+        stops = [(1, places["told"].start + 1), (2, places["told"].start + 2)] if "told" in places else []
+        return doubts + stops
+
+
+#: Of a run without a controller that counts.
+NOTHING_TOLD = Told(0, 0, 0)
 
 #: No place of a memory.
 NOWHERE = slice(0)
@@ -232,9 +259,9 @@ class StateHistory:
             raise WrongPeriod(elapsed, period, self.slip)
 
     def look(self, places: Mapping[str, slice], fresh: ArrayLike | None, periods: float) -> None:
-        """Note what the caller says of the readings: which were measured since the last step (p,), 1, or 0 where that is
-        not known, and after how many periods they come. After a pause they may have moved further; after a long one the
-        robot may be elsewhere, and offsets are taken anew. It is the rule of the exported C."""
+        """Note what the caller says of the readings: which were measured since the last step (p,), 1, or 0 where that
+        is not known, and after how many periods they come. After a pause they may have moved further; after a long one
+        the robot may be elsewhere, and offsets are taken anew. It is the rule of the exported C."""
         readings = self.memory[places["readings"]].reshape(len(Readings._fields), -1)
         now = Readings(*readings)
         now.fresh[:] = 0.0 if fresh is None else np.maximum(fresh, 0.0)

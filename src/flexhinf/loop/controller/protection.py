@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.options import Listed
-from flexhinf.loop.controller.signs import Pair, Watch
+from flexhinf.loop.controller.signs import SIGNS, Pair, Watch
 from flexhinf.plant import Estimator
 from flexhinf.validation import one_of, real_array, value_text
 
@@ -26,18 +26,20 @@ WINDOW = 0.01
 
 #: What may stop the robot, and what it says.
 STOPS = {
-    "sensor_lost": "a sensor was missing or refused for longer than it may be",
     "wrong_period": "the steps are called at another period",
     "step_failed": "the step cannot go on",
+    "bad_start": "the robot does not rest where it can be started",
+    "sensor_lost": "a sensor was missing or refused for longer than it may be",
     "inconsistent": "encoders, drive and spring of a joint contradict each other",
     "running_away": "a joint moves away from its command",
     "too_fast": "a joint is faster than its limit allows",
     "opposed": "an input is at its limit against a motion that does not slow down",
     "oscillating": "an input swings by most of its range again and again, or more and more",
     "stuck": "the encoder of a motor stands though the motor cannot",
-    "bad_start": "the robot does not rest where it can be started",
 }
 
+#: Bits of the reasons that are signs, in their order.
+SIGN_BITS = tuple(1 << list(STOPS).index(name) for name in SIGNS)
 
 #: What inputs may be for a controlled stop.
 DRIVES = ("torque", "velocity", "position")
@@ -47,8 +49,8 @@ DRIVES = ("torque", "velocity", "position")
 class Protection(Listed):
     """Limits beyond which a robot within its tolerances does not move, and what a protective stop does.
 
-    Of measured signals (p,), inputs (m,), commanded positions (k,), joints with two readings of their spring (g,), links
-    (n,), and tolerances that do not depend on each other (G,).
+    Of measured signals (p,), inputs (m,), commanded positions (k,), joints with two readings of their spring (g,),
+    links (n,), and tolerances that do not depend on each other (G,).
 
     Parameters
     ----------
@@ -130,11 +132,11 @@ class Protection(Listed):
         g, p, k, m, a = sizes
         shapes = {
             "speed": (p,), "window": (p,), "step": (p,), "distance": (k,), "travel": (k,), "swing": (2, m),
-            "damping": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links), g),
-            "compliance": (g,), "rates": (5, g), "floor": (g,), "hardest": (a,),
+            "damping": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links),
+            g), "compliance": (g,), "rates": (5, g), "floor": (g,), "hardest": (a,),
         }  # fmt: skip
         arrays = {name: np.array(getattr(self, name)) for name in shapes}
-        arrays |= {"spreads": np.array(self.spreads, dtype=float).reshape(-1, 5, g)}
+        arrays |= {"spreads": _table(self.spreads, 5, g)}
         if not g:
             arrays |= {"shares": np.zeros((len(self.links), 0)), "rates": np.zeros((5, 0))}
         apart = [name for name, shape in shapes.items() if arrays[name].shape != shape]
@@ -156,8 +158,8 @@ class Protection(Listed):
     def watch(
         self, estimator: Estimator | None, inputs: Sequence[str], limits: object, supervision: object
     ) -> Watch:
-        """Places of what is watched, of a controller of these inputs; a name that is none of its signals is refused, and
-        any without an estimator, limits of measurements, or a supervision that reports the signs."""
+        """Places of what is watched, of a controller of these inputs; a name that is none of its signals is refused,
+        and any without an estimator, limits of measurements, or a supervision that reports the signs."""
         if estimator is None or limits is None or supervision is None:
             raise InvalidInput(
                 "Nothing reads the signs of a protection.",
@@ -204,11 +206,20 @@ class Protection(Listed):
             "ways": np.array([self.distance, self.travel]),
             "swing_sizes": np.array(self.swing),
             "motor_rates": rates,
-            "motor_spreads": np.array(self.spreads, dtype=float).reshape(-1, 5, rates.shape[1]),
+            "motor_spreads": _table(self.spreads, 5, rates.shape[1]),
             "motor_numbers": np.vstack([observer, [self.floor], [self.compliance], shares]),
             "hardest": np.array(self.hardest),
+            "longest_unseen": np.array([self.longest_unseen], dtype=float),
+            "stop_on": np.array(
+                [bit * (name in self.stop_on) for name, bit in zip(SIGNS, SIGN_BITS)], dtype=float
+            ),
             **windows_and_steps(period, self.window, self.step),
         }
+
+
+def _table(rows: Sequence[Sequence[Sequence[float]]], count: int, columns: int) -> np.ndarray:
+    """Rows (G, count, columns) of numbers, none where there are no columns."""
+    return np.array(rows, dtype=float).reshape(-1 if columns else 0, count, columns)
 
 
 def windows_and_steps(period: float, window: ArrayLike, step: ArrayLike) -> dict[str, np.ndarray]:
@@ -220,8 +231,8 @@ def windows_and_steps(period: float, window: ArrayLike, step: ArrayLike) -> dict
 
 
 def _observer(period: float, damping: float) -> tuple[float, ...]:
-    """The first six numbers of an `Observer` of a motor that slows down by `damping`, 1/s: both eigenvalues of the error
-    are those of `OBSERVED`, or of two thirds of the damping where that is faster."""
+    """The first six numbers of an `Observer` of a motor that slows down by `damping`, 1/s: both eigenvalues of the
+    error are those of `OBSERVED`, or of two thirds of the damping where that is faster."""
     damping = max(damping, 1e-6 / period)
     left = float(np.exp(-damping * period))
     way = (1.0 - left) / damping

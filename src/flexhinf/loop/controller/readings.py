@@ -27,7 +27,8 @@ from flexhinf.codegen import gives
 from flexhinf.plant import chosen, known, turned
 from flexhinf.scalars import absolute, maximum, minimum, where
 
-#: Steps of its values by which a sensor should have moved where a frame is taken for a repeated one, and how many should.
+#: Steps of its values by which a sensor should have moved where a frame is taken for a repeated one, and how many
+#: should.
 MOVED, SENSORS = 2.0, 2
 
 #: Share of a refused sensor's largest rate by which its changes may differ from one sample to the next, and of the way

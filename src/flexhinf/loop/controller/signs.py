@@ -4,11 +4,11 @@ The estimate explains whatever is measured, a broken sensor too. So these signs 
 with a few numbers of each joint in place of the whole model, and each lasts for some ms before it counts:
 
 - *Inconsistent.* Encoders on both sides of a spring, or one and a sensor of its torque, tell the torque τ_s that the
-  spring has. Then the motor moves by J θ̈ = k_u u − B θ̇ − k_p θ − τ_s, whatever is done to the link: a push, a payload,
-  an obstacle. An observer of the motor [luenberger1964] follows the encoder; the acceleration ρ that it lacks is
-  compared with what robots at the ends of their tolerances lack there, Σ_i |∂θ̈/∂p_i| δp_i, and a floor of dry friction,
-  offsets and noise. A drive that is dead, reversed or full on, an encoder that jumps, sticks or drifts, a spring that is
-  broken are larger.
+  spring has. Then the motor moves by J θ̈ = k_u u − B θ̇ − k_p θ − τ_s, whatever is done to the link: a push, a
+  payload, an obstacle. An observer of the motor [luenberger1964] follows the encoder; the acceleration ρ that it lacks
+  is compared with what robots at the ends of their tolerances lack there, Σ_i |∂θ̈/∂p_i| δp_i, and a floor of dry
+  friction, offsets and noise. A drive that is dead, reversed or full on, an encoder that jumps, sticks or drifts, a
+  spring that is broken are larger.
 - *Running away.* A joint is far from its command, and went there by itself: its own way away from it is summed while it
   is beyond `distance`. A command that leaves a held joint, and a joint that comes back, sum nothing. Beyond `travel` it
   runs away; where the model does not explain what drives it, beyond `distance` already.
@@ -52,8 +52,9 @@ DRIVEN = 0.5
 
 
 class Pair(NamedTuple):
-    """Two readings of a joint that tell the twist of its spring, by their places in a measurement: the motor's position,
-    and those of the links that move with it, with their rows in `Protection.shares`, or one of the twist or its torque.
+    """Two readings of a joint that tell the twist of its spring, by their places in a measurement: the motor's
+    position, and those of the links that move with it, with their rows in `Protection.shares`, or one of the twist or
+    its torque.
     `input`: the place of its input. `terms`: of each tolerance, which of the five rates it changes."""
 
     motor: int
@@ -64,10 +65,11 @@ class Pair(NamedTuple):
 
 
 class Observer(NamedTuple):
-    """Numbers of the observers of motors, (g,) each: in a sample a speed makes a `way` and is `left`, an acceleration has
-    `pushed` the position; `first` and `second` are the gains of position and speed, `scale` the lacking acceleration per
-    lacking way, `floor` what is left out of the accelerations, `compliance` the twist per unit of the signal that tells
-    it."""
+    """Numbers of the observers of motors, (g,) each: in a sample a speed makes a `way` and is `left`, an acceleration
+    has
+    `pushed` the position; `first` and `second` are the gains of position and speed, `scale` the lacking acceleration
+    per lacking way, `floor` what is left out of the accelerations, `compliance` the twist per unit of the signal that
+    tells it."""
 
     way: Elements
     left: Elements
@@ -89,7 +91,9 @@ class Watch(NamedTuple):
 
 
 #: Signs of a protective stop, in the order of their flags, behind whether a frame is a repeated one.
-SIGNS = ("inconsistent", "running_away", "too_fast", "opposed", "oscillating", "stuck")
+SIGNS = (
+    "sensor_lost", "inconsistent", "running_away", "too_fast", "opposed", "oscillating", "stuck",
+)  # fmt: skip
 
 
 @gives("motion_next", "inconsistent")
@@ -105,14 +109,14 @@ def inconsistent(
     spreads: Elements,
     numbers: Elements,
 ) -> tuple[Elements, Elements]:
-    """Observed motors (4, g), their positions, speeds, whether these are known, and for how many samples a contradiction
-    lasts; and whether there is one (1,).
+    """Observed motors (4, g), their positions, speeds, whether these are known, and for how many samples a
+    contradiction lasts; and whether there is one (1,).
 
     y (p,) is what is believed, u (m,) the input that acted since the last sample. `rates` (5, g) are accelerations of a
     motor per input, per position, per twist of its spring, per its speed and per that of the twist; `spreads` (G, 5, g)
     by how much these differ within tolerances that do not depend on each other. `numbers` are those of `Observer`, and
-    the shares of the links (n, g). But for its own speed, what moves the motor is that of the readings, in the middle of
-    the sample.
+    the shares of the links (n, g). But for its own speed, what moves the motor is that of the readings, in the middle
+    of the sample.
     """
     speeds, columns, flags = Readings(*readings).speed / period[0], list[list[Element]](), list[Element]()
     own, shares = Observer(*numbers[: len(Observer._fields)]), numbers[len(Observer._fields) :]
@@ -171,7 +175,8 @@ def running_away(
     (3, k); and whether one runs away (1,).
 
     `position` (k,) is where the joints are; their commands for this instant stand in `command`, at these places;
-    `limits` (2, k) are `distance` and `travel`. How a governor holds them (4, k) says what drives them beyond the model.
+    `limits` (2, k) are `distance` and `travel`. How a governor holds them (4, k) says what drives them beyond the
+    model.
     """
     columns, flags = list[list[Element]](), list[Element]()
     pushes = hold[0][1] if hold else [0.0] * len(places)
@@ -196,8 +201,8 @@ def opposed(
     """Of each input the speed against it when it came to its limit, and for how many samples it has been there (2, m);
     and whether one does not slow the motion down (1,).
 
-    `places` are those of the readings of what the inputs move, None where nothing tells it; the first row of `swings` is
-    how near an input is at its limit.
+    `places` are those of the readings of what the inputs move, None where nothing tells it; the first row of `swings`
+    is how near an input is at its limit.
     """
     speeds = Readings(*readings).speed / period[0]
     columns, flags = list[list[Element]](), list[Element]()
@@ -215,7 +220,8 @@ def opposed(
 @gives("swung_next", "oscillates")
 def oscillating(u: Elements, swung: Elements, period: Elements, sizes: Elements) -> tuple[Elements, Elements]:
     """Of each input its last extreme, the one before, the direction (±1), the samples since its last swing ended, the
-    size of that, and how many large or growing ones there were in a row (6, m); and whether that is an oscillation (1,).
+    size of that, and how many large or growing ones there were in a row (6, m); and whether that is an oscillation
+    (1,).
 
     `sizes` (2, m) are the smallest swing that counts where it grows, and the one that counts always.
     """
@@ -232,7 +238,8 @@ def oscillating(u: Elements, swung: Elements, period: Elements, sizes: Elements)
         further = where(direction * (extreme - value) < 0.0, value, extreme)
         columns.append([
             where(turns, value, further), where(turns, extreme, foot), where(turns, -direction, direction),
-            where(turns, 0.0, since + 1.0), where(turns, now, late * size), where(turns, (count + 1.0) * counts, late * count),
+            where(turns, 0.0, since + 1.0), where(turns, now, late * size), where(turns, (count + 1.0) * counts, late *
+            count),
         ])  # fmt: skip
         flags.append(where(columns[-1][-1] > SWINGS - 0.5, 1.0, 0.0))
     return np.array(columns).T, np.array([reduce(maximum, flags)])
@@ -256,7 +263,8 @@ def stuck(
     hardest: Elements,
 ) -> tuple[Elements, Elements]:
     """Speeds of encoders of motors (s,) when their readings changed last, and whether one stands though its motor could
-    not have stopped so soon (1,). They stand at `places`; `hardest` (s,) are the largest accelerations of the motors."""
+    not have stopped so soon (1,). They stand at `places`; `hardest` (s,) are the largest accelerations of the
+    motors."""
     now, kept, flags = Readings(*readings), list[Element](), list[Element]()
     for place, before, most in zip(places, pace, hardest, strict=True):
         speed = where(now.still[place] < 0.5, now.speed[place] / period[0], before)
@@ -265,6 +273,25 @@ def stuck(
         kept.append(speed)
         flags.append(where(further > 0.0, lasts, 0.0))
     return np.array(kept), np.array([reduce(maximum, flags)])
+
+
+@gives("sensor_lost")
+def sensor_lost(readings: Elements, longest: Elements) -> Elements:
+    """Whether a sensor was missing or refused for longer than so many samples (1,): 1 (1,), else 0."""
+    now = Readings(*readings)
+    lost = [maximum(since - 1.0, count) for since, count in zip(now.since, now.lost, strict=True)]
+    return np.array([reduce(maximum, [where(samples > longest[0], 1.0, 0.0) for samples in lost])])
+
+
+@gives("told_next")
+def told(flags: Elements, before: Elements, counts: Elements) -> Elements:
+    """Samples so far, the first one at which a sign would stop the robot, 0 for none, and the sum of the bits of the
+    signs there (3,). `counts` (7,) are these bits, 0 of a sign that stops nothing."""
+    samples, first, bits = before
+    found = sum(where(flag > 0.5, bit, 0.0) for flag, bit in zip(flags, counts, strict=True))
+    begins = where(first > 0.5, 0.0, where(found > 0.5, 1.0, 0.0))
+    now = samples + 1.0
+    return np.array([now, where(begins > 0.5, now, first), where(begins > 0.5, found, bits)])
 
 
 def first_signs(watch: Watch, u: Vector, positions: Vector) -> dict[str, np.ndarray]:
@@ -276,6 +303,7 @@ def first_signs(watch: Watch, u: Vector, positions: Vector) -> dict[str, np.ndar
         "opposed": np.zeros((2, len(u))),
         "swung": np.array([u, u, up, none, none, none]),
         **({"pace": np.zeros(len(watch.alone))} if watch.alone else {}),
+        "told": np.zeros(3),
     }
 
 
@@ -296,9 +324,11 @@ class Seen(NamedTuple):
 def signs(
     run: Run, watch: Watch, places: Sequence[int], seen: Seen, memory: Any, data: Any
 ) -> tuple[Elements, dict[str, Elements]]:
-    """Flags of `SIGNS` (6,), 1 or 0, and what is remembered by name; the positions stand in a command at these places."""
+    """Flags of `SIGNS` (7,), 1 or 0, and what is remembered by name; the positions stand in a command at these
+    places."""
     after: dict[str, Elements] = {}
     flags: dict[str, Elements] = dict.fromkeys(SIGNS, np.zeros(1))
+    flags["sensor_lost"] = run.call(sensor_lost, seen.readings, data.longest_unseen)
     if watch.pairs:
         after["motion"], flags["inconsistent"] = run.call(
             partial(inconsistent, watch.pairs, seen.turns), seen.y, seen.acted, seen.readings, memory.motion,
@@ -325,8 +355,11 @@ def signs(
             data.reading_steps,
             data.hardest,
         )
-    return run.call(_joined, *flags.values()), after
+    every = run.call(_joined, *flags.values())
+    after["told"] = run.call(told, every, memory.told, data.stop_on)
+    return every, after
 
 
+@gives("signs")
 def _joined(*flags: Elements) -> Elements:
     return np.concatenate(flags)

@@ -67,12 +67,13 @@ class Status(enum.IntFlag):
     FOLLOWING_ERROR = 32
     BLOCKED = 64
     REPEATED_FRAME = 128
-    INCONSISTENT = 256
-    RUNNING_AWAY = 512
-    TOO_FAST = 1024
-    OPPOSED = 2048
-    OSCILLATING = 4096
-    STUCK = 8192
+    SENSOR_LOST = 256
+    INCONSISTENT = 512
+    RUNNING_AWAY = 1024
+    TOO_FAST = 2048
+    OPPOSED = 4096
+    OSCILLATING = 8192
+    STUCK = 16384
 
     def __str__(self) -> str:
         """Names of the bits that are set; `format` and the exported C have the number."""
@@ -88,6 +89,7 @@ WATCHED = (
     Status.FOLLOWING_ERROR,
     Status.BLOCKED,
     Status.REPEATED_FRAME,
+    Status.SENSOR_LOST,
     Status.INCONSISTENT,
     Status.RUNNING_AWAY,
     Status.TOO_FAST,
@@ -338,9 +340,8 @@ def possible_status(
 
 def possible_signs(watch: Watch) -> Status:
     """The bits that a protection can set."""
-    always = (
-        Status.REPEATED_FRAME | Status.RUNNING_AWAY | Status.TOO_FAST | Status.OPPOSED | Status.OSCILLATING
-    )
+    always = Status.REPEATED_FRAME | Status.SENSOR_LOST | Status.RUNNING_AWAY | Status.TOO_FAST
+    always |= Status.OPPOSED | Status.OSCILLATING
     inconsistent = Status.INCONSISTENT if watch.pairs else Status(0)
     return always | inconsistent | (Status.STUCK if watch.alone else Status(0))
 

@@ -4,9 +4,10 @@ The decision is latched: a reason that was there once stays until the controller
 category of IEC 60204-1 [iec60204]: 0, the drives lose their power at once, and brakes close; 1, a controlled stop, then
 the same; 2, a controlled stop, after which the drives keep their power.
 
-A controlled stop does not trust the estimate, which may be what failed. Drives of torques, currents and voltages get the
-input that holds the commanded pose, less a damping of the speeds of those sensors that are still believed. A command of
-positions goes on, slower and slower, for some 30 ms; one of velocities falls to 0 likewise. The stop ends at rest, after
+A controlled stop does not trust the estimate, which may be what failed. Drives of torques, currents and voltages get
+the input that holds the commanded pose, less a damping of the speeds of those sensors that are still believed. A
+command of positions goes on, slower and slower, for some 30 ms; one of velocities falls to 0 likewise. The stop ends at
+rest, after
 `LONGEST`, or at once where a joint becomes faster, as one does whose drive is reversed: then the power goes.
 """
 
@@ -38,16 +39,16 @@ ENDING = 0.03
 class Stop(enum.IntFlag):
     """Reasons of a protective stop, in the order of their bits; the exported C has the same numbers."""
 
-    SENSOR_LOST = 1
-    WRONG_PERIOD = 2
-    STEP_FAILED = 4
-    INCONSISTENT = 8
-    RUNNING_AWAY = 16
-    TOO_FAST = 32
-    OPPOSED = 64
-    OSCILLATING = 128
-    STUCK = 256
-    BAD_START = 512
+    WRONG_PERIOD = 1
+    STEP_FAILED = 2
+    BAD_START = 4
+    SENSOR_LOST = 8
+    INCONSISTENT = 16
+    RUNNING_AWAY = 32
+    TOO_FAST = 64
+    OPPOSED = 128
+    OSCILLATING = 256
+    STUCK = 512
 
     def __str__(self) -> str:
         """What each reason says; `format` and the exported C have the number."""
@@ -62,8 +63,8 @@ FAILED = ("NOT_INITIALISED", "BAD_ARITHMETIC", "BAD_START", "STOPPED", "WENT_BAC
 
 
 class StopNumbers(NamedTuple):
-    """Numbers of a protective stop: the period, s, limits of the inputs (m,), input per speed (m,), and speeds of joints
-    that stand (m,)."""
+    """Numbers of a protective stop: the period, s, limits of the inputs (m,), input per speed (m,), and speeds of
+    joints that stand (m,)."""
 
     period: Element
     lower: Elements
@@ -164,14 +165,10 @@ def stop_size(inputs: int) -> int:
 
 def reasons(controller: Any, history: Any) -> np.ndarray:
     """Reasons for a stop after the last step (r,), 1 or 0 each, of those that count."""
-    protection, memory, found = controller.protection, history.memory, np.zeros(len(Stop))
+    protection, found = controller.protection, np.zeros(len(Stop))
+    found[0], found[1] = history.code == "BAD_PERIOD", history.code in FAILED
     if protection is not None and history.code != "WAITING":
-        kept = Readings(*controller.memory.named(memory).readings)
-        longest = protection.longest_unseen
-        found[0] = np.any((kept.since > longest + 1) | (kept.lost > longest))
-    found[1], found[2] = history.code == "BAD_PERIOD", history.code in FAILED
-    if protection is not None:
-        found[3 : 3 + len(SIGNS)] = memory[controller.memory.places["status"]][-len(SIGNS) :]
+        found[-len(SIGNS) :] = history.memory[controller.memory.places["status"]][-len(SIGNS) :]
     counted = tuple(STOPS) if protection is None else protection.stop_on
     return np.where([name in counted for name in STOPS], found, 0.0)
 
