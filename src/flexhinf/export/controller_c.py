@@ -58,7 +58,7 @@ from flexhinf.export.places import Places
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
-from flexhinf.loop.controller.protection import STOPS
+from flexhinf.loop.controller.protection import LOOK, STOPS
 from flexhinf.loop.controller.readings import believed_readings
 from flexhinf.loop.controller.signs import SIGNS
 from flexhinf.loop.controller.status import WATCHED, possible_status
@@ -87,7 +87,7 @@ if TYPE_CHECKING:
 LANES = 8
 
 #: Integers of a state beside those of each measurement, and the bytes of one.
-INTEGERS, INTEGER_BYTES = 7, 4
+INTEGERS, INTEGER_BYTES = 8, 4
 
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
@@ -96,6 +96,7 @@ MISSING_LIMIT = 10
 OWN = frozenset(
     {
         "begin",
+        "at_rest",
         "believed",
         "check",
         "counted",
@@ -128,6 +129,7 @@ OWN = frozenset(
         "smaller",
         "some",
         "start",
+        "start_faults",
         "state",
         "step",
         "type_of_constants",
@@ -212,7 +214,7 @@ class ControllerCode:
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
         own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"] + 1
-        own += stop_size(self.sizes["u"])
+        own += stop_size(self.sizes["u"]) + self.sizes["y"]
         numbers = (own + max(1, self.scratch) + self.translator.room) * real.bytes
         integers = INTEGER_BYTES * (INTEGERS + self.sizes["y"])
         self.state_bytes = -(-(numbers + integers) // real.bytes) * real.bytes
@@ -358,6 +360,8 @@ class ControllerCode:
         return {
             "signals": signals,
             "parameters": self.places.parameters(),
+            "look": f"{LOOK:g}",
+            "checkable": self.is_checkable,
             "stops": [
                 (self.upper(f"STOP_{stop.name}"), stop.value, STOPS[str(stop.name).lower()]) for stop in Stop
             ],
@@ -382,6 +386,8 @@ class ControllerCode:
             "initial": Markup(number_lines(memory, self.initial_memory, self.real, MEMORY)),
             "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, self.whole_numbers),
             **self._stopping,
+            "start": self._starting,
+            "checkable": self.is_checkable,
             "range_rows": range_rows,
             "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
             "holding": holding,
@@ -436,6 +442,34 @@ class ControllerCode:
         protection = self.controller.protection
         held = protection is not None and protection.drive == "position"
         return "the last one" if held else "0 as far as its limits allow"
+
+    @property
+    def is_checkable(self) -> bool:
+        """Whether each motor's encoder has a second reading that tells whether its place is true."""
+        watch = self.controller.mode.protected
+        return watch is not None and bool(watch.pairs) and not watch.alone
+
+    @property
+    def _starting(self) -> dict[str, object]:
+        """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
+        model at rest at the measured links."""
+        c, protection, watch = self.controller, self.controller.protection, self.controller.mode.protected
+        samples = 1 + max(1, round(LOOK / c.period))
+        if protection is None or watch is None:
+            return {"samples": samples, "pairs": ()}
+        states, links = list(self.signals["X"]), [list(c.measured).index(name) for name in protection.links]
+        pairs = list[dict[str, object]]()
+        for j, pair in enumerate(watch.pairs if links and self.standstill is not None else ()):
+            terms = [(constant(protection.shares[row][j], self.real), place) for place, row in pair.links]
+            model = [f"{share} * rest[{states.index(c.measured[place])}]" for share, place in terms]
+            seen = [f"{share} * y[{place}]" for share, place in terms]
+            pairs.append({
+                "measured": Markup(" - ".join([f"y[{pair.motor}]", *seen])),
+                "model": Markup(" - ".join([f"rest[{states.index(c.measured[pair.motor])}]", *model])),
+                "most": Markup(constant(protection.twist_at_start[j], self.real)),
+            })  # fmt: skip
+        moved = Markup(", ".join(constant(way, self.real) for way in protection.moved_at_start))
+        return {"samples": samples, "pairs": pairs, "links": links, "moved": moved}
 
     @property
     def _stopping(self) -> dict[str, object]:

@@ -128,6 +128,7 @@ PARTS = {
     "motor_spreads": "by how much these differ at the ends of tolerances",
     "motor_numbers": "of each motor: gains of its observer, accelerations that are left out, twist per unit of the "
     "signal that tells it, shares of the links",
+    "misplaced": "how far a reading may be from where the controller begins",
     "longest_unseen": "samples for which one sensor may be missing or refused",
     "stop_on": "bits of the signs that stop the robot",
     "hardest": "largest accelerations of motors whose encoders nothing contradicts",
@@ -181,6 +182,7 @@ MEMORY = {
     "away": "of each tracked position: its own way away from its command",
     "opposed": "of each input: how long it has been at its limit against the motion",
     "swung": "of each input: what is counted of large and growing swings",
+    "misplaced": "1 where the robot was not where the controller began",
     "told": "samples so far, the first one at which a sign would stop the robot, and which",
     "pace": "of encoders of motors: how fast they were when they changed last",
 }

@@ -15,13 +15,14 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.export.plausible import IN_PYTHON, NOISE, TWICE, measurement_limits
 from flexhinf.loop import Controller
-from flexhinf.loop.controller.protection import OBSERVED, WINDOW, Protection
+from flexhinf.loop.controller.protection import LOOK, OBSERVED, WINDOW, Protection
 from flexhinf.robot.elastic import INNER, stated_curve
 from flexhinf.robot.parameters import per_joint
 
 if TYPE_CHECKING:
     from flexhinf.arrays import Matrix, Vector
     from flexhinf.robot import Robot
+    from flexhinf.robot.parameters import PlantValues
 
 #: Tolerance of what moves a motor where the file states none.
 UNSTATED = 0.1
@@ -44,6 +45,12 @@ ROUNDING = 1e-9
 
 #: Poses at which weights are looked at, and the seed by which they are drawn.
 POSES, SEED = 32, 20261130
+
+#: Robots at corners of their tolerances whose twists are looked at.
+CORNERS = 8
+
+#: Speed of a robot that rests, in parts of its limit, which is taken for this one at most, rad/s or m/s.
+RESTING, FASTEST = 0.01, 2.0
 
 #: Ways away from a command where a controller has no governor and no supervision of its following errors, rad, and m of
 #: a joint that slides.
@@ -141,6 +148,9 @@ class _Protected:
             rates=self.rates[:, self.watched].tolist(),
             spreads=self.spreads[:, :, self.watched].tolist(),
             floor=self.floor[self.watched].tolist(),
+            misplaced=self.misplaced.tolist(),
+            moved_at_start=self.moved_at_start(steps).tolist(),
+            twist_at_start=self.twist_at_start[self.watched].tolist(),
             alone=alone,
             hardest=self.hardest[[self.signals("motor_position").index(name) for name in alone]].tolist(),
         )
@@ -309,25 +319,24 @@ class _Protected:
         """Seen from the link (n,), as far as it moves with the load that its drive leaves; 0 of rigid joints."""
         return self._felt[1]
 
+    def _twists_at_rest(self, robot: PlantValues | None) -> Matrix:
+        """Twists of the springs at rest at some poses (poses, n), 0 of rigid joints; of the model by default."""
+        ends = [self.plant.limits.get(name, (-np.pi, np.pi)) for name in self.signals("link_position")]
+        low, high = np.array(ends, dtype=float).T
+        poses = np.random.default_rng(SEED).uniform(low, high, (POSES, self.n))
+        x, _ = self.robot.inverse_dynamics(poses, 0.0 * poses, 0.0 * poses, parameters=robot)
+        states, twists = list(self.robot.plant().states), np.zeros_like(poses)
+        turned = poses @ self.robot.layout.matrix.T
+        for j, name in enumerate(self.signals("motor_position")):
+            if self.elastic[j]:
+                twists[:, j] = x[:, states.index(name)] - turned[:, j]
+        return twists
+
     @cached_property
     def weights(self) -> Vector:
-        """Largest torques of the springs at rest (n,), at some poses, with the heaviest links."""
-        low, high = np.array(
-            [self.plant.limits.get(name, (-np.pi, np.pi)) for name in self.signals("link_position")],
-            dtype=float,
-        ).T
-        poses = np.random.default_rng(SEED).uniform(low, high, (POSES, self.n))
-        x, _ = self.robot.inverse_dynamics(poses, 0.0 * poses, 0.0 * poses, parameters=self.robot.heaviest)
-        motors = [
-            list(self.robot.plant().states).index(name)
-            for name, own in zip(self.signals("motor_position"), self.elastic)
-            if own
-        ]
-        elastic = np.array(self.elastic)
-        twist = x[:, motors] - (poses @ self.robot.layout.matrix.T)[:, elastic]
-        largest = np.zeros(self.n)
-        largest[elastic] = np.abs(twist).max(axis=0) * self.stiffness[elastic]
-        return largest
+        """Largest torques of the springs at rest (n,), of the heaviest robot."""
+        twist = np.abs(self._twists_at_rest(self.robot.heaviest)).max(axis=0)
+        return np.where(self.elastic, twist * np.where(self.elastic, self.stiffness, 1.0), 0.0)
 
     @cached_property
     def torque(self) -> Vector:
@@ -349,19 +358,22 @@ class _Protected:
         return np.where(known, stated, TWICE * self.torque)
 
     @cached_property
-    def floor(self) -> Vector:
-        """Accelerations that are left out of the rates (n,)."""
-        parameters = self.robot.plant_parameters()
-        stated = np.zeros(self.n)
+    def dry(self) -> Vector:
+        """Largest dry friction of the motors (n,), of which the observer has none."""
+        parameters, stated = self.robot.plant_parameters(), np.zeros(self.n)
         for name in ("coulomb_friction", "static_friction"):
             stated = np.maximum(stated, np.asarray(parameters.get(name, 0.0), dtype=float))
-        dry = np.where(stated > 0.0, REVERSED * (1.0 + UNSTATED) * stated, DRY * self.largest)
+        return np.where(stated > 0.0, REVERSED * (1.0 + UNSTATED) * stated, DRY * self.largest)
+
+    @cached_property
+    def floor(self) -> Vector:
+        """Accelerations that are left out of the rates (n,)."""
         names = self.signals("link_position"), self.signals("motor_position")
         noise = np.array([[self.noise_of(name) for name in row] for row in names])
         heard = np.abs(self.rates[2]) * np.hypot(*noise) + noise[1] / OBSERVED**2
-        gap = np.asarray(parameters.get("backlash", 0.0), dtype=float)
+        gap = np.asarray(self.robot.plant_parameters().get("backlash", 0.0), dtype=float)
         inertia = np.where(self.elastic, self.motor_inertia, np.inf)
-        return dry / inertia + np.abs(self.rates[2]) * (OFFSET + gap) + NOISE * heard
+        return self.dry / inertia + np.abs(self.rates[2]) * (OFFSET + gap) + NOISE * heard
 
     @cached_property
     def hardest(self) -> Vector:
@@ -384,7 +396,9 @@ class _Protected:
         swing = np.where(self.elastic, 1.0 / np.sqrt(self.stiffness * self.link_inertia), 0.0)
         links = FASTER * self.speeds + swing * (self.weights + self._resisted)
         known, turns = np.isfinite(self.speeds), np.abs(self.robot.layout.matrix)
-        motors = FASTER * (turns @ np.where(known, self.speeds, 0.0)) + swing * self.torque
+        motors = FASTER * (turns @ np.where(known, self.speeds, 0.0)) + swing * (
+            self.weights + self._resisted
+        )
         motors = np.where(turns[:, ~known].any(axis=1), np.inf, motors)
         limits = {
             **dict(zip(self.signals("link_position"), links.tolist())),
@@ -412,6 +426,38 @@ class _Protected:
             2.0 * unit if stated is None else np.broadcast_to(np.asarray(stated, dtype=float), unit.shape)
         )
         return np.array([distance, np.maximum(0.5 * following, distance)])
+
+    # Start --------------------------------------------------------------------------------------------
+    @property
+    def misplaced(self) -> Vector:
+        """How far readings may be from where the controller begins (p,)."""
+        slides = np.array(self.robot.links.slides, dtype=bool)
+        place = np.where(slides, AWAY_SLIDING, AWAY)
+        governor = self.controller.governor
+        links = place if governor is None else np.minimum(place, np.array(governor.distance))
+        motors = np.abs(self.robot.layout.matrix) @ links + self.twist_at_start
+        limits = dict(zip(self.signals("link_position"), links)) | dict(
+            zip(self.signals("motor_position"), motors)
+        )
+        return np.array([limits.get(name, np.inf) for name in self.controller.measured])
+
+    def moved_at_start(self, steps: Vector) -> Vector:
+        """How far readings of a robot that rests move in the time in which one looks at it (p,)."""
+        moved = (
+            2.0 * steps
+            + NOISE * np.sqrt(2.0) * self.noise
+            + RESTING * LOOK * np.minimum(self.fastest, FASTEST)
+        )
+        return np.where([self.is_position(name) for name in self.controller.measured], moved, np.inf)
+
+    @cached_property
+    def twist_at_start(self) -> Vector:
+        """How far twists of springs at rest are from those of the model (n,): of robots at the ends of their
+        tolerances, with their payloads, stuck by dry friction, with encoders that are off."""
+        own = self._twists_at_rest(None)
+        robots = [*self.robot.random_corners(CORNERS, SEED), self.robot.heaviest]
+        apart = [np.abs(self._twists_at_rest(robot) - own).max(axis=0) for robot in robots]
+        return np.max(apart, axis=0) + self.dry / self.stiffness + OFFSET
 
     @property
     def swings(self) -> Matrix:

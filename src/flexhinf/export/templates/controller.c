@@ -189,6 +189,7 @@ static void @{name}_begin(@{name}_state *state)
     state->slip = @{zero};
     @{name}_copy(@{name}_initial_stop, state->stop, @{stop_size});
     @{name}_copy(state->start + @{NAME}_AT_U, state->stop + @{stop_last}, @{NAME}_INPUTS);
+    state->looks = 0;
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -448,6 +449,68 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     return code;
 }
 
+/* What speaks against a start by these readings, bit by bit. */
+static int @{name}_start_faults(const @{name}_state *state, const @{name}_param *param, const real *y)
+{
+    int found = 0;
+{% if signs %}
+    static const real moved[@{NAME}_MEASUREMENTS] = {@{start.moved}};
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        const int beyond = (y[i] < param->value[@{NAME}_P_MEASUREMENT_LOWER + i] || y[i] > param->value[@{NAME}_P_MEASUREMENT_UPPER + i]) ? 1 : 0;
+        found |= (beyond != 0) ? @{NAME}_START_OUT_OF_RANGE : 0;
+        found |= (state->looks > 0 && fabs@{f}(y[i] - state->looked[i]) > moved[i]) ? @{NAME}_START_MOVES : 0;
+    }
+{% if start.pairs %}
+#ifndef @{NAME}_WITHOUT_REST
+    {
+        static const int links[@{start.links | length}] = {@{start.links | join(", ")}}; /* places in y */
+        real rest[@{NAME}_STATES + @{NAME}_INPUTS];
+        for (int i = 0; i < @{start.links | length}; ++i) {
+            rest[i] = y[links[i]];
+        }
+        (void)@{name}_rest(param, rest, rest);
+{% for pair in start.pairs %}
+        found |= (fabs@{f}((@{pair.measured}) - (@{pair.model})) > @{pair.most}) ? @{NAME}_START_TWISTED : 0;
+{% endfor %}
+    }
+#endif
+{% endif %}
+{% else %}
+    (void)state;
+    (void)param;
+    (void)y;
+{% endif %}
+    return found;
+}
+
+int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, int *why)
+{
+    int code = @{NAME}_WAITING;
+    *why = 0;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        if (input->measured == 0 || isfinite(input->y[i]) == 0) {
+            *why = @{NAME}_START_MISSING;
+        }
+    }
+    if (*why == 0) {
+        *why = @{name}_start_faults(state, param, input->y);
+        code = (*why == 0) ? code : @{NAME}_BAD_START;
+    }
+    if (*why != 0) {
+        state->looks = 0;
+    } else {
+        if (state->looks == 0) {
+            @{name}_copy(input->y, state->looked, @{NAME}_MEASUREMENTS);
+        }
+        state->looks += (state->looks < @{start.samples}) ? 1 : 0;
+        if (state->looks == @{start.samples}) {
+            code = @{NAME}_OK;
+            *why = @{0 if checkable else NAME ~ "_START_NOT_CHECKED"};
+        }
+    }
+    return code;
+}
+
 /* Reasons of a stop at this sample, 1 or 0 each. */
 static void @{name}_reasons(const @{name}_state *state, const @{name}_param *param, int code, real *reasons)
 {
@@ -456,6 +519,7 @@ static void @{name}_reasons(const @{name}_state *state, const @{name}_param *par
 {% else %}
     const int longest = @{longest_unseen};
 {% endif %}
+    int counted = param->stop_on; /* bit by bit, the lowest first */
     int lost = 0;
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         lost += (state->unseen[i] > longest) ? 1 : 0;
@@ -468,25 +532,31 @@ static void @{name}_reasons(const @{name}_state *state, const @{name}_param *par
     if (code != @{NAME}_WAITING) {
         reasons[3] = (lost > 0) ? @{unity} : @{zero};
 {% if signs %}
+        reasons[2] = state->memory[@{NAME}_AT_MISPLACED];
         for (int i = 0; i < @{signs}; ++i) {
             reasons[3 + i] = @{name}_larger(reasons[3 + i], state->memory[@{NAME}_AT_STATUS_SENSOR_LOST + i]);
         }
 {% endif %}
     }
     for (int i = 0; i < @{reasons | length}; ++i) {
-        reasons[i] = (((unsigned int)param->stop_on >> i) % 2u == 1u) ? reasons[i] : @{zero};
+        reasons[i] = ((counted % 2) == 1) ? reasons[i] : @{zero};
+        counted /= 2;
     }
 }
 
 int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output)
 {
-    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], speeds[@{NAME}_INPUTS] = {@{zero}}, next[@{stop_size}];
+    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], speeds[@{NAME}_INPUTS], next[@{stop_size}];
     const real category = (real)param->category;
     int power = 0;
+    int bit = 1;
     output->stop = 0;
     if (state->mark != INITIALISED) {
         output->stop = @{NAME}_STOP_STEP_FAILED;
         return 0;
+    }
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+        speeds[i] = @{zero};
     }
     @{name}_reasons(state, param, code, reasons);
     @{name}_copy(state->stop + @{stop_last}, hold, @{NAME}_INPUTS);
@@ -510,9 +580,12 @@ int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, 
     @{decided}(state->stop, reasons, output->u, hold, speeds, &category, param->value, output->u, next);
     @{name}_copy(next, state->stop, @{stop_size});
     for (int i = 0; i < @{reasons | length}; ++i) {
-        output->stop += (state->stop[i] > @{zero}) ? 1 << i : 0;
+        output->stop += (state->stop[i] > @{zero}) ? bit : 0;
+        bit *= 2;
     }
-    power = (state->stop[@{reasons | length}] > @{zero}) ? 1 : 0;
+    if (state->stop[@{reasons | length}] > @{zero}) {
+        power = 1;
+    }
     return power;
 }
 

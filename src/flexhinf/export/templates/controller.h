@@ -162,7 +162,9 @@ typedef struct {
 {% endif %}
     @{name}_real columns[@{NAME}_COLUMNS];
 {% endif %}
+    @{name}_real looked[@{NAME}_MEASUREMENTS];
     int unseen[@{NAME}_MEASUREMENTS];
+    int looks;
     int missing, failed, began_again, samples, waiting, refused;
     unsigned int mark;
 } @{name}_state;
@@ -189,6 +191,19 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
  * After @{NAME}_STOPPED a measurement in time resumes the step: nothing latches.{% if code.unlimited +%}
  * @{prose.unlimited() | starred}{% endif %} */
 int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, @{name}_output *output);
+
+/* Before the start: whether the robot rests where the controller can begin. Call it once per sample with what is measured,
+ * drives off or brakes closed. Returns @{NAME}_WAITING until the readings of @{look} s agree, then @{NAME}_OK; and
+ * @{NAME}_BAD_START where they do not, and *why says what to look at: {% if not checkable %}nothing tells here whether an encoder's zero is
+ * right, so that bit is set with @{NAME}_OK too. {% endif %}It begins anew with @{name}_init, a missing reading and a bad one. */
+enum {
+    @{NAME}_START_MISSING = 1,      /* a reading is not there */
+    @{NAME}_START_MOVES = 2,        /* the robot moves */
+    @{NAME}_START_OUT_OF_RANGE = 4, /* a joint is beyond its range, or its encoder has another zero or unit */
+    @{NAME}_START_TWISTED = 8,      /* motor and link are apart by more than weight and friction twist the spring: an encoder's zero, a sign, something that leans on the arm */
+    @{NAME}_START_NOT_CHECKED = 16  /* no second reading of the joint tells whether the place is true: home the arm */
+};
+int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, int *why);
 
 /* Whether the drives may have power: call it after each step, and obey. From the code of the step, its status, sensors that
  * are missing or refused, and measured speeds. What it once found stays: output->stop says it, and a new start alone

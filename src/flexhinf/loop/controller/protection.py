@@ -21,6 +21,9 @@ from flexhinf.validation import one_of, real_array, value_text
 #: Time constant of the observer of a motor, s, and the largest part of it in a sample.
 OBSERVED, QUICKEST = 1.0 / 80.0, 0.25
 
+#: Time for which readings must rest before a start, s.
+LOOK = 0.05
+
 #: Time over which the speed of a reading is averaged at least, s.
 WINDOW = 0.01
 
@@ -39,7 +42,7 @@ STOPS = {
 }
 
 #: Bits of the reasons that are signs, in their order.
-SIGN_BITS = tuple(1 << list(STOPS).index(name) for name in SIGNS)
+SIGN_BITS = tuple(1 << list(STOPS).index(name) for name in ("bad_start", *SIGNS))
 
 #: What inputs may be for a controlled stop.
 DRIVES = ("torque", "velocity", "position")
@@ -90,6 +93,12 @@ class Protection(Listed):
     brakes : (m,) bool
         Whether what an input moves has a brake that closes without power. Where all have, a stop is of category 0 of
         IEC 60204-1 [iec60204], else of category 1.
+    misplaced : (p,)
+        How far a reading may be from where the controller begins; infinite for a signal that tells no place.
+    moved_at_start : (p,)
+        How far it may move in the `LOOK` before a start; infinite likewise.
+    twist_at_start : (g,)
+        How far the twists of springs at rest may be from those of the model.
     longest_unseen : int
         Samples for which a sensor may be missing or refused.
     drive : {"torque", "velocity", "position"}
@@ -123,6 +132,9 @@ class Protection(Listed):
     alone: Sequence[str] = ()
     hardest: Sequence[float] = ()
     moved: Sequence[str] = ()
+    misplaced: Sequence[float] = ()
+    moved_at_start: Sequence[float] = ()
+    twist_at_start: Sequence[float] = ()
     drive: str = "torque"
     longest_unseen: int = 10
     stop_on: Sequence[str] = tuple(STOPS)
@@ -134,13 +146,14 @@ class Protection(Listed):
             "speed": (p,), "window": (p,), "step": (p,), "distance": (k,), "travel": (k,), "swing": (2, m),
             "damping": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links),
             g), "compliance": (g,), "rates": (5, g), "floor": (g,), "hardest": (a,),
+            "misplaced": (p,), "moved_at_start": (p,), "twist_at_start": (g,),
         }  # fmt: skip
         arrays = {name: np.array(getattr(self, name)) for name in shapes}
         arrays |= {"spreads": _table(self.spreads, 5, g)}
         if not g:
             arrays |= {"shares": np.zeros((len(self.links), 0)), "rates": np.zeros((5, 0))}
         apart = [name for name, shape in shapes.items() if arrays[name].shape != shape]
-        positive = ("speed", "window", "step", "distance", "travel", "swing", "hardest")
+        positive = ("speed", "window", "step", "distance", "travel", "swing", "hardest", "misplaced")
         apart += [name for name in positive if not apart and not np.all(arrays[name] > 0.0)]
         refuse_if(
             bool(apart),
@@ -209,9 +222,11 @@ class Protection(Listed):
             "motor_spreads": _table(self.spreads, 5, rates.shape[1]),
             "motor_numbers": np.vstack([observer, [self.floor], [self.compliance], shares]),
             "hardest": np.array(self.hardest),
+            "misplaced": np.array(self.misplaced),
             "longest_unseen": np.array([self.longest_unseen], dtype=float),
             "stop_on": np.array(
-                [bit * (name in self.stop_on) for name, bit in zip(SIGNS, SIGN_BITS)], dtype=float
+                [bit * (name in self.stop_on) for name, bit in zip(("bad_start", *SIGNS), SIGN_BITS)],
+                dtype=float,
             ),
             **windows_and_steps(period, self.window, self.step),
         }

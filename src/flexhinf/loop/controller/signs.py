@@ -275,6 +275,24 @@ def stuck(
     return np.array(kept), np.array([reduce(maximum, flags)])
 
 
+@gives("bad_start")
+def bad_start(
+    turns: Sequence[int],
+    y: Elements,
+    predicted: Elements,
+    before: Elements,
+    started: Elements,
+    most: Elements,
+) -> Elements:
+    """Whether the robot was not where the controller began (1,): at the first sample, an element of the measurement was
+    farther from its prediction than `most` (p,); `before` what was said then."""
+    there, away = known(y), absolute(turned(y, predicted, turns) - predicted)
+    flags = [
+        where(seen > 0.5, where(far > limit, 1.0, 0.0), 0.0) for seen, far, limit in zip(there, away, most)
+    ]
+    return np.array([where(started[0] > 0.5, before[0], reduce(maximum, flags))])
+
+
 @gives("sensor_lost")
 def sensor_lost(readings: Elements, longest: Elements) -> Elements:
     """Whether a sensor was missing or refused for longer than so many samples (1,): 1 (1,), else 0."""
@@ -286,7 +304,7 @@ def sensor_lost(readings: Elements, longest: Elements) -> Elements:
 @gives("told_next")
 def told(flags: Elements, before: Elements, counts: Elements) -> Elements:
     """Samples so far, the first one at which a sign would stop the robot, 0 for none, and the sum of the bits of the
-    signs there (3,). `counts` (7,) are these bits, 0 of a sign that stops nothing."""
+    signs there (3,). `counts` (8,) are these bits, 0 of a sign that stops nothing; the first one is of a bad start."""
     samples, first, bits = before
     found = sum(where(flag > 0.5, bit, 0.0) for flag, bit in zip(flags, counts, strict=True))
     begins = where(first > 0.5, 0.0, where(found > 0.5, 1.0, 0.0))
@@ -303,15 +321,18 @@ def first_signs(watch: Watch, u: Vector, positions: Vector) -> dict[str, np.ndar
         "opposed": np.zeros((2, len(u))),
         "swung": np.array([u, u, up, none, none, none]),
         **({"pace": np.zeros(len(watch.alone))} if watch.alone else {}),
+        "misplaced": np.zeros(1),
         "told": np.zeros(3),
     }
 
 
 class Seen(NamedTuple):
-    """What the signs of a sample are read from: y (p,) that is believed, its readings, the input (m,) that acted until
-    now, and the one that is computed now, the positions (k,), their command, and how a governor holds the joints."""
+    """What the signs of a sample are read from: y (p,) that is believed, its prediction, its readings, the input (m,)
+    that acted until now, and the one that is computed now, the positions (k,), their command, and how a governor holds
+    the joints."""
 
     y: Elements
+    predicted: Elements
     readings: Elements
     turns: Sequence[int]
     acted: Elements
@@ -355,9 +376,23 @@ def signs(
             data.reading_steps,
             data.hardest,
         )
-    every = run.call(_joined, *flags.values())
-    after["told"] = run.call(told, every, memory.told, data.stop_on)
-    return every, after
+    after["misplaced"] = run.call(
+        partial(bad_start, seen.turns),
+        seen.y,
+        seen.predicted,
+        memory.misplaced,
+        memory.started,
+        data.misplaced,
+    )
+    after["told"] = run.call(
+        told, run.call(_all, after["misplaced"], *flags.values()), memory.told, data.stop_on
+    )
+    return run.call(_joined, *flags.values()), after
+
+
+@gives("reasons")
+def _all(*flags: Elements) -> Elements:
+    return np.concatenate(flags)
 
 
 @gives("signs")

@@ -309,7 +309,7 @@ def controller_step(
         )  # fmt: skip
     if mode.protected is not None and seen is not None:
         run.section("Signs of a robot that does not move as one within its tolerances")
-        places = Seen(read, seen, turns, acted, u, position, commanded, kept.get("hold"))
+        places = Seen(read, expected, seen, turns, acted, u, position, commanded, kept.get("hold"))
         flags, own = signs(run, mode.protected, boxed, places, memory, data)
         after |= own
         after["status"] = run.call(_status, after["status"], repeated, flags)

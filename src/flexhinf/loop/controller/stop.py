@@ -168,6 +168,7 @@ def reasons(controller: Any, history: Any) -> np.ndarray:
     protection, found = controller.protection, np.zeros(len(Stop))
     found[0], found[1] = history.code == "BAD_PERIOD", history.code in FAILED
     if protection is not None and history.code != "WAITING":
+        found[2] = history.memory[controller.memory.places["misplaced"]][0]
         found[-len(SIGNS) :] = history.memory[controller.memory.places["status"]][-len(SIGNS) :]
     counted = tuple(STOPS) if protection is None else protection.stop_on
     return np.where([name in counted for name in STOPS], found, 0.0)
