@@ -570,7 +570,7 @@ class Controller(Summarised):
         kept = history.stop or first_stop(history.memory[self.memory.places["u"]])
         drive, numbers = stop_numbers(self)
         flags = reasons(self, history)
-        hold = kept.last if not flags.any() or kept.reasons.any() else self._holding()
+        hold = self._holding(kept.last) if flags.any() and not kept.reasons.any() else kept.last
         category = 0.0 if protection is None else protection.category
         u = history.memory[self.memory.places["u"]]
         _, history.stop = decided(drive, kept, flags, u, hold, stop_speeds(self, history), category, numbers)
@@ -590,8 +590,8 @@ class Controller(Summarised):
         kept = self._history.stop
         return self._history.memory[self.memory.places["u"]].copy() if kept is None else np.array(kept.last)
 
-    def _holding(self) -> np.ndarray:
-        """The input (m,) that holds the model at the command, else the last one."""
+    def _holding(self, last: np.ndarray) -> np.ndarray:
+        """The input (m,) that holds the model at a moving command, else the last one."""
         history, mode = self._history, self.mode
         if mode.moving and self.estimator is not None:
             n = len(self.law.input_names)
@@ -600,7 +600,7 @@ class Controller(Summarised):
                 return equilibrium_at(self.estimator.plant, self.tracked, pose)[1][:n]
             except FlexhinfError:
                 pass  # it holds what acted
-        return history.memory[self.memory.places["u"]].copy()
+        return last
 
     @property
     def path_rate(self) -> float:

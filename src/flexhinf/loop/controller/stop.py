@@ -112,7 +112,8 @@ def decided(
     `drive` says what the inputs are: "torque", "velocity" or "position".
     """
     period, lower, upper, damping, rest = numbers
-    before, reasons = reduce(maximum, kept.reasons), np.array(_larger(kept.reasons, flags))
+    before = reduce(maximum, kept.reasons)
+    reasons = _chosen(before, kept.reasons, flags)
     stops = reduce(maximum, reasons)
     begins = stops * (1.0 - before)
     size, left = absolute(np.asarray(speeds)), np.exp(-period / ENDING)
@@ -140,10 +141,6 @@ def decided(
 def _chosen(flag: Element, those: Elements, others: Elements) -> Elements:
     """Elements of `those` where the flag is 1, else of `others`."""
     return np.array([where(flag > 0.5, a, b) for a, b in zip(those, others, strict=True)])
-
-
-def _larger(one: Elements, other: Elements) -> list[Element]:
-    return [maximum(a, b) for a, b in zip(one, other, strict=True)]
 
 
 def stop_numbers(controller: Any) -> tuple[str, StopNumbers]:
