@@ -1,0 +1,135 @@
+"""Tables of faults: how many runs ended how, and the worst of each."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.faults.arms import ARMS
+from benchmarks.faults.kinds import FAULTS, HARMLESS, MOVES
+from benchmarks.faults.verdict import FAILURES, VERDICTS, judged, judged_harmless
+
+__all__ = ["KEPT", "TABLES", "failures", "summary", "trips"]
+
+#: What the docs show.
+KEPT = Path(__file__).resolve().parent / "results.json"
+
+
+def failures(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows of faults that fail the rule."""
+    return [row for row in rows if row["fault"] in FAULTS and judged(row) in FAILURES]
+
+
+def trips(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows of what is harmless, that something stopped."""
+    return [row for row in rows if row["fault"] not in FAULTS and not judged_harmless(row)]
+
+
+def command_of(row: Mapping[str, Any]) -> str:
+    """The command that repeats a run."""
+    return f'python -m benchmarks.faults --repeat {row["arm"]} "{row["fault"]}" {row["seed"]}'
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """By arm and fault: how many runs ended how, and the worst numbers of those that were noticed."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        own = found.setdefault(row["arm"], {}).setdefault(row["fault"], {"runs": 0})
+        verdict = judged(row) if row["fault"] in FAULTS else "kept" if judged_harmless(row) else "tripped"
+        own["runs"] += 1
+        own[verdict] = own.get(verdict, 0) + 1
+        if row["noticed"] and not row["early"]:
+            own["category"] = sorted({*own.get("category", []), row["category"]})
+            ratio = row["furthest"] / max(row["ideal"], 1e-3)
+            wrong, way = row["wrong_at_notice"], row["furthest"]
+            worst = {"when": row["when"], "wrong": wrong, "furthest": way, "ratio": ratio}
+            for key, value in worst.items():
+                own[key] = max(own.get(key, 0.0), float(f"{value:.4g}"))
+    return found
+
+
+def _cells(texts: Sequence[str]) -> str:
+    return f"| {' | '.join(texts)} |"
+
+
+def _head(texts: Sequence[str]) -> list[str]:
+    return [_cells(texts), f"|{'---|' * len(texts)}"]
+
+
+def kept(file: Path = KEPT) -> dict[str, Any]:
+    """The results that the docs show."""
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def by_fault(results: Mapping[str, Any]) -> str:
+    """A line for each fault: of each arm how many runs were kept, harmless, and failed; the worst of all arms."""
+    arms = results["arms"]
+    lines = _head(
+        ("fault", *arms, "noticed after", "wrong motion by then", "furthest, of the ideal stop", "category")
+    )
+    for name in FAULTS:
+        cells = [_ended(arms[arm].get(name)) for arm in arms]
+        every = [arms[arm][name] for arm in arms if name in arms[arm]]
+        noticed = [one for one in every if "when" in one]
+        if not every:
+            continue
+        worst = ["", "", "", ""]
+        if noticed:
+            category = sorted({each for one in noticed for each in one["category"]})
+            worst = [
+                f"{1e3 * max(one['when'] for one in noticed):.3g} ms",
+                f"{max(one['wrong'] for one in noticed):.2g} rad",
+                f"{max(one['furthest'] for one in noticed):.2g} rad, {max(one['ratio'] for one in noticed):.3g}",
+                ", ".join(map(str, category)),
+            ]  # fmt: skip
+        lines.append(_cells([name, *cells, *worst]))
+    return "\n".join([*lines, "", _counted(arms)])
+
+
+def _ended(one: Mapping[str, Any] | None) -> str:
+    """Of an arm's runs of a fault."""
+    if one is None:
+        return ""
+    bad = ", ".join(f"{one[name]} {name}" for name in FAILURES if name in one)
+    good = [f"{one[name]} {name}" for name in ("kept", "harmless", "stands") if name in one]
+    return ", ".join([*good, *([f"**{bad}**"] if bad else [])])
+
+
+def _counted(arms: Mapping[str, Any]) -> str:
+    counts = Counter[str]()
+    for faults in arms.values():
+        for name, one in faults.items():
+            counts.update({key: one[key] for key in VERDICTS if key in one} if name in FAULTS else {})
+    total = sum(counts.values())
+    return f"{total} runs: " + ", ".join(f"{counts[name]} {name}" for name in VERDICTS if counts[name]) + "."
+
+
+def harmless(results: Mapping[str, Any]) -> str:
+    """What may not stop an arm: runs, and how many were stopped."""
+    arms = results["arms"]
+    lines = _head(("event", *arms))
+    for name in (*HARMLESS, MOVES.name):
+        cells = [
+            ""
+            if name not in arms[arm]
+            else f"{arms[arm][name].get('tripped', 0)} of {arms[arm][name]['runs']}"
+            for arm in arms
+        ]
+        lines.append(_cells([name, *cells]))
+    return "\n".join(lines)
+
+
+def arms(results: Mapping[str, Any]) -> str:
+    """The arms, and by which command the results were made."""
+    lines = [f"- `{name}`: {ARMS[name].about}" for name in results["arms"] if name in ARMS]
+    return "\n".join([*lines, "", f"Made by `{results['command']}`."])
+
+
+TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "faults": by_fault,
+    "harmless": harmless,
+    "arms": arms,
+}
