@@ -162,6 +162,8 @@ def _compile(export: Path, path: Path) -> None:
 def sensors_of(arm: Source, robot: Robot, header: str, design: str) -> list[str]:
     """Rows of `sensor` in C, in the order of the exported measurements."""
     noise, sliding = noise_in(design)
+    quantum = re.search(r"\bquantisation = ([0-9.e-]+)", design)
+    step = float(quantum[1]) if quantum else 0.0
     stated = tomllib.loads(arm.file.read_text(encoding="utf-8"))["joint"]
     names = [name.upper() for name in robot.joints]
     rows = list[str]()
@@ -174,7 +176,9 @@ def sensors_of(arm: Source, robot: Robot, header: str, design: str) -> list[str]
         ratio = motor.get("gear_ratio", USUAL_RATIO)
         ratio = float(ratio["value"] if isinstance(ratio, dict) else ratio)
         turn = 2.0 * math.pi / (ratio if kind.startswith("motor") else 1.0)
-        rows.append(f"{{{kind.upper()}, {j}, {own if kind.endswith('position') else 0.0!r}, 0.0, {turn!r}}}")
+        rows.append(
+            f"{{{kind.upper()}, {j}, {own if kind.endswith('position') else 0.0!r}, {step!r}, {turn!r}}}"
+        )
     return rows
 
 
@@ -193,4 +197,5 @@ def _facts(robot: Robot, header: str) -> Facts:
     return Facts(
         count, sum(name.startswith("LINK_POSITION") for name in signals) == count,
         any(name.startswith("MOTOR") for name in signals), robot.drive, (payload.low, payload.high), float(period[1]),
+        bool(robot.nominal("brake")[0] >= 0.0),
     )  # fmt: skip

@@ -65,6 +65,7 @@ typedef struct {
     double end, moving;             /* at the end: distance from the command, largest speed lately */
     double first[FIRSTS];
     int first_code, rest;           /* rest: samples, one after the other, in which nothing moved */
+    int lost;                       /* 1: the arm went so far that nothing more was computed */
     int moves;
 } record;
 
@@ -79,7 +80,7 @@ typedef struct {
     arm_follow_output row;
     decision said;
     record found;
-    double t, elapsed;
+    double t, elapsed; /* elapsed: since the sample before, by the clock of the arm */
     int k, on, acts, active;
     double rests_until;              /* s: then the next move begins */
     double queue[16][MOST];          /* inputs on their way, by the latency of the design */

@@ -1,10 +1,13 @@
-/* The rule that judges: today that of the exported main.c, which reads the code and `unseen`. */
+/* The rule that judges: that of the exported main.c, which reads the code and `unseen`. Whoever exports another one
+ * changes these two functions and nothing else. A rule may leave power on while it stops the arm (category 1, until it
+ * takes the power away, or 2): `stop` then says that it has noticed, and output.u acts meanwhile. */
 #ifndef FAULTS_DECIDE_H
 #define FAULTS_DECIDE_H
 
 #include "bench.h"
 
-/* Before a step: what main.c says of time and of what is fresh. It says nothing. */
+/* Before a step: what main.c says of time (b->elapsed) and of what is fresh (b->repeated, where b->asked.told). It says
+ * nothing. */
 static void decide_before(bench *b)
 {
     b->input.elapsed = 0;

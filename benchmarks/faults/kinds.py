@@ -13,8 +13,8 @@ from typing import Any
 
 __all__ = ["FAULTS", "HARMLESS", "MOVES", "Facts", "Fault", "drawn", "fitting"]
 
-#: Longer than any run, s.
-FOR_EVER = 1e6
+#: Longer than any run: low, high, unit.
+EVER = (1e6, 1e6, "s")
 #: A run goes on for so long behind its fault, s, and begins with a move: faults come within these times, s.
 LASTS, EARLIEST, LATEST = 3.6, 0.5, 1.6
 
@@ -31,7 +31,7 @@ FORMS: Mapping[str, Callable[[float, float, float], float]] = {
 
 @dataclass(frozen=True)
 class Facts:
-    """What of an arm decides which faults it may have: its joints, sensors, drive, payload (low, high), period (s)."""
+    """What of an arm decides which faults it may have; payload (low, high) in kg, period in s."""
 
     joints: int
     links: bool
@@ -39,6 +39,7 @@ class Facts:
     drive: str
     payload: tuple[float, float]
     period: float
+    brakes: bool
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,11 @@ class Fault:
     def sized(self) -> bool:
         """Whether it has sizes of which the smallest that matters can be looked for."""
         return self.high > self.low
+
+
+def braked(facts: Facts) -> bool:
+    """Whether an arm has brakes."""
+    return facts.brakes
 
 
 def several(facts: Facts) -> bool:
@@ -96,13 +102,13 @@ SENSOR = (
 
 FRAMES = (
     Fault("frozen", "frozen", "all", "all readings repeat for some time", 2e-3, 1.0, "s"),
-    Fault("frozen for ever", "frozen", "all", "all readings repeat for ever", FOR_EVER, FOR_EVER, "s"),
+    Fault("frozen for ever", "frozen", "all", "all readings repeat for ever", *EVER),
     Fault("repeats", "repeats", "all", "of each hundred frames so long repeat", 2e-3, 0.08, "s"),
     Fault("frame late", "late", "all", "all readings come late", 2e-3, 0.2, "s", "samples"),
     Fault("frame silent", "silent", "all", "all readings are NaN"),
     Fault("frame dropouts", "dropouts", "all", "so large a share of all readings is missing", 0.05, 0.95, "1"),
     Fault("unmeasured", "unmeasured", "all", "measured = 0 for some time", 2e-3, 1.0, "s"),
-    Fault("unmeasured for ever", "unmeasured", "all", "measured = 0 for ever", FOR_EVER, FOR_EVER, "s"),
+    Fault("unmeasured for ever", "unmeasured", "all", "measured = 0 for ever", *EVER),
 )  # fmt: skip
 
 # Drives, mechanics ----------------------------------------------------------------------------------
@@ -128,14 +134,14 @@ MECHANICS = (
     Fault("soft spring", "spring", "one", "a spring is so many times too soft, less one", 0.2, 50.0, "1", "less"),
     Fault("broken spring", "spring", "one", "a spring breaks", 1e-5, 1e-5),
     Fault("wall", "wall", "one", "something stands in the way, so far ahead", 1e-3, 0.5, "rad", "signed"),
-    Fault("blocked joint", "blocked", "one", "a joint is held for ever", FOR_EVER, FOR_EVER, "s"),
-    Fault("brake alone", "braked", "one", "a brake closes, and its drive goes off", FOR_EVER, FOR_EVER, "s"),
-    Fault("brakes alone", "braked", "all", "all brakes close, and drives go off", FOR_EVER, FOR_EVER, "s"),
-    Fault("brake with power", "dragged", "one", "a brake closes, and its drive goes on", FOR_EVER, FOR_EVER, "s"),
-    Fault("brakes with power", "dragged", "all", "all brakes close, and drives go on", FOR_EVER, FOR_EVER, "s"),
-    Fault("short emergency stop", "estop", "all", "drives off and brakes closed for some time", 0.01, 1.0, "s"),
+    Fault("blocked joint", "blocked", "one", "a joint is held for ever", *EVER),
+    Fault("brake alone", "braked", "one", "a brake closes, its drive goes off", *EVER, needs=braked),
+    Fault("brakes alone", "braked", "all", "all brakes close, drives go off", *EVER, needs=braked),
+    Fault("brake with power", "dragged", "one", "a brake closes, its drive stays on", *EVER, needs=braked),
+    Fault("brakes with power", "dragged", "all", "all brakes close, drives stay on", *EVER, needs=braked),
+    Fault("short emergency stop", "estop", "all", "drives off, brakes closed for a time", 0.01, 1.0, "s", needs=braked),
     Fault("power lost", "unpowered", "all", "drives off for some time", 0.01, 1.0, "s"),
-    Fault("power lost for ever", "unpowered", "all", "drives off for ever", FOR_EVER, FOR_EVER, "s"),
+    Fault("power lost for ever", "unpowered", "all", "drives off for ever", *EVER),
     Fault("payload lost", "payload", "all", "a payload that is always there is lost", 0.0, 0.0, "kg",
           needs=lambda facts: facts.payload[0] > 0.0),
     Fault("payload beyond", "payload", "all", "a payload beyond the range is grasped", 1.2, 10.0, "of its largest"),

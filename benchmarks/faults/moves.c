@@ -110,7 +110,7 @@ void moves_step(bench *b)
     const int counted = b->asked.moves > 0;
     const int more = counted ? b->found.moves < b->asked.moves : b->t < b->asked.at + b->asked.lasts - 2.0 * LONGEST;
     memset(&in, 0, sizeof in);
-    if (!b->active && more && b->t >= b->rests_until) { next_goal(b); }
+    if (!b->active && more && !b->found.noticed && b->t >= b->rests_until) { next_goal(b); }
     for (int i = 0; i < NOMINAL.n; ++i) {
         in.position[i] = b->output.estimate[i];
         in.velocity[i] = b->output.estimate[NOMINAL.n + i];

@@ -338,12 +338,11 @@ double plant_command(const plant_model *model, int joint, double torque, double 
 static double loop_torque(const plant *p, int i, double command, double load)
 {
     const plant_numbers *is = &p->model.is;
-    const double least = p->weakened[i] < 1.0 ? p->weakened[i] * is->largest[i] : HUGE_VAL;
     double torque = -is->drive_damping[i] * p->w[i];
     if (p->model.drive == VELOCITY) { torque += is->drive_damping[i] * command; }
     if (p->model.drive == POSITION) { torque += is->drive_stiffness[i] * (command - p->theta[i]); }
     torque = p->gain[i] * torque + (1.0 - is->load_share[i]) * load;
-    return clipped(torque, fmin(is->drive_limit[i], least));
+    return clipped(torque, p->weakened[i] * is->largest[i]);
 }
 
 /* Torque of a motor; `keeps` is what a coil keeps of its current in the step. */

@@ -10,6 +10,8 @@ static const double WATCHED = 1.0;
 static const double STILL = 0.02;
 /* Time, s, in which the largest speed is forgotten by a factor of 2.7: swings are seen, and the past is not. */
 static const double FORGOTTEN = 0.1;
+/* Where no arm is any more, rad. */
+static const double LOST = 1e3;
 /* Wrong motion by which a fault must be noticed, rad (m). */
 static const double WRONG = 0.1;
 
@@ -52,7 +54,6 @@ static double ideal_stop(const bench *b)
 {
     plant twin = b->arm;
     double none[MOST] = {0.0}, most = 0.0;
-    int still = 0;
     for (int i = 0; i < twin.model.n; ++i) {
         const int healthy = twin.powered[i] && twin.forced[i] == 0 && twin.gain[i] == 1.0 && !twin.shorted[i];
         if (twin.model.is.brake[i] < 0.0) {
@@ -61,10 +62,9 @@ static double ideal_stop(const bench *b)
         twin.powered[i] = 0;
         twin.braked[i] = 1;
     }
-    for (double s = 0.0; s < WATCHED && still < 20; s += ARM_PERIOD) {
+    for (double s = 0.0; s < WATCHED; s += ARM_PERIOD) {
         plant_run(&twin, none, ARM_PERIOD, b->asked.refined);
         most = fmax(most, way(&twin, b->arm.q));
-        still = largest_speed(&twin) < STILL ? still + 1 : 0;
     }
     return most;
 }
@@ -124,6 +124,7 @@ void record_sample(bench *b, int code)
     if (b->on) { r->beyond = fmax(r->beyond, distance); }
     if (r->hundred < 0.0 && r->wrong > WRONG) { r->hundred = b->t - b->asked.at; }
     if (stops && !r->noticed) { notice(b, code); }
+    r->lost = r->lost || !(distance < LOST);
     r->rest = largest_speed(arm) < STILL ? r->rest + 1 : 0;
     /* Where no brake holds it, an arm that came to rest before its drives went off has stopped. */
     const int braked = NOMINAL.is.brake[0] >= 0.0, ended = !braked && !b->said.power && r->rest > 0 && r->noticed;
@@ -138,10 +139,10 @@ void record_print(const bench *b)
     printf("{\"seed\": %llu, \"noticed\": %d, \"early\": %d, \"when\": %.6g, \"code\": %d, \"status\": %d, \"stop\": %u, "
            "\"category\": %d, \"wrong\": %.4g, \"wrong_at_notice\": %.4g, \"hundred\": %.6g, \"furthest\": %.4g, "
            "\"ideal\": %.4g, \"step\": %.3g, \"beyond\": %.4g, \"speed\": %.4g, \"end\": %.4g, \"moving\": %.3g, \"rest\": %d, "
-           "\"power\": %d, \"path\": %.3g, \"contact\": %.4g, \"moves\": %d, \"first_code\": %d, \"first\": [",
+           "\"power\": %d, \"path\": %.3g, \"contact\": %.4g, \"lost\": %d, \"moves\": %d, \"first_code\": %d, \"first\": [",
            b->asked.seed, r->noticed, r->early, r->when, r->code, r->status, r->stop, r->category, r->wrong,
            r->wrong_at_notice, r->hundred, r->furthest, r->ideal, r->step, r->beyond, r->speed, r->end, r->moving, r->rest,
-           b->acts, (double)b->output.path_rate, b->arm.contact, r->moves, r->first_code);
+           b->acts, (double)b->output.path_rate, b->arm.contact, r->lost, r->moves, r->first_code);
     for (int i = 0; i < FIRSTS; ++i) { printf("%s%.5g", i > 0 ? ", " : "", r->first[i]); }
     printf("], \"at\": %.6g}\n", b->asked.at);
 }

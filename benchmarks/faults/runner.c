@@ -142,6 +142,7 @@ static int sample(bench *b)
 static int goes_on(const bench *b)
 {
     const record *r = &b->found;
+    if (r->lost) { return 0; }
     if (r->noticed) { return b->t - b->asked.at - r->when < 1.25; }
     if (b->asked.moves > 0) { return b->found.moves < b->asked.moves || b->active || b->t < b->rests_until; }
     return b->t < b->asked.at + b->asked.lasts;

@@ -132,13 +132,14 @@ def _chunks(runs: Sequence[Planned]) -> Iterator[Sequence[Planned]]:
 
 
 # Smallest sizes -------------------------------------------------------------------------------------
-#: Seeds of the runs in which a smallest size is looked for, and halvings of its range.
-TRIED, HALVINGS = (1, 2, 3), 7
+#: Seeds of the runs in which a smallest size is looked for, steps of its range (a large jump is refused and moves
+#: nothing, so it is looked for from below), and halvings of the step.
+TRIED, STEPS, HALVINGS = (1, 2, 3), 8, 3
 
 
 def smallest_of(program: Program) -> dict[str, float]:
     """For each fault with sizes the smallest x by which one of three runs moves the arm by 0.05 rad while nothing stops
-    it; faults that move it by less at their largest are left out."""
+    it; faults that never move it so far are left out."""
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         sized = [fault for fault in fitting(program.facts) if fault.sized]
         found = pool.map(lambda fault: _smallest(program, fault), sized)
@@ -150,11 +151,11 @@ def _smallest(program: Program, fault: Fault) -> float | None:
         requests = [drawn(fault, program.facts, {}, seed, x) | {"never": 1} for seed in TRIED]
         return any(row["wrong"] > HARM for row in program.lines(requests))
 
-    low, high = fault.low, fault.high
-    if not moves(high):
-        return None
-    if moves(low):
-        return low
+    ratio = (fault.high / fault.low) ** (1.0 / STEPS)
+    found = next((k for k in range(STEPS + 1) if moves(fault.low * ratio**k)), None)
+    if not found:
+        return None if found is None else fault.low
+    low, high = fault.low * ratio ** (found - 1), fault.low * ratio**found
     for _ in range(HALVINGS):
         middle = (low * high) ** 0.5
         low, high = (low, middle) if moves(middle) else (middle, high)

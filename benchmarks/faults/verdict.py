@@ -1,8 +1,8 @@
 """What is said of one run: the rule, stated before anything is measured.
 
 A fault is noticed within 50 ms, or before 0.1 rad of wrong motion. From then on the arm goes no further than the ideal
-stop, whose drives are off and brakes closed at that very instant, by more than a tenth and what joints move in a sample.
-In the end its drives are off, or it rests. An unnoticed fault is harmless where the arm stays within 0.05 rad of its
+stop, whose drives are off and brakes closed at that very instant, by more than a tenth and the way of a sample. In the
+end its drives are off, or it rests. An unnoticed fault is harmless where the arm stays within 0.05 rad of its
 path and rests at its goal. Wrong motion of a joint is the smaller one of two numbers: how far it is from where it was
 when the fault came, and by how much its distance from the command has changed since. A joint that stands makes none.
 """
