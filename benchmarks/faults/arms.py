@@ -1,7 +1,8 @@
-"""Arms with their designs, exports and programs, each made once and kept.
+"""Arms with their controllers, exported and compiled, each made once and kept.
 
-A folder is named by a digest of what it is made of: of the robot file and the command for a design, of these and of
-flexhinf's source for an export, of both and of the C here for a program.
+The arms here have the law that `flexhinf design FILE` finds with some options, and the C that `flexhinf export c` makes
+of it, without the tests of either; a nightly test compares. An arm of the caller's own has its design, and is exported
+by the command. A folder is named by a digest of all that it is made of.
 """
 
 from __future__ import annotations
@@ -9,19 +10,27 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import re
 import subprocess
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import flexhinf as fh
 from benchmarks.faults.kinds import Facts
 from benchmarks.faults.robot import Robot, read_robot, source
 from benchmarks.limits.arms import noise_in
+from flexhinf.design.responses import joint_limits
+from flexhinf.design.workspace.evidence import LoopOverWorkspace
+from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.export import with_measurement_limits
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.package import FILES, Export, files_of, write_files
+from flexhinf.export.self_test import Accuracy
+from flexhinf.robot.workspace import workspace_of
 
 __all__ = ["ARMS", "BUILD", "Program", "Source", "program_of"]
 
@@ -29,18 +38,20 @@ HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 #: Where all is kept, beside the repository's other builds.
 BUILD = REPOSITORY / "build" / "faults"
-BOTH = "link_position,motor_position"
+BOTH = ("link_position", "motor_position")
 #: What `bench.h` calls measurements.
 SENSORS = ("link_position", "motor_position", "joint_torque", "deflection", "link_velocity", "motor_velocity")
 #: Sources of a program, beside those of the export.
 PARTS = ("plant.c", "faults.c", "moves.c", "record.c", "runner.c")
+#: Variance that a design assumes of encoders where none is stated, rad².
+USUAL_NOISE = fh.Specification().measurement_noise
 #: Ratio of a gear whose file states none: of a turn of its motor's encoder, seen at the joint.
 USUAL_RATIO = 100.0
 
 
 @dataclass(frozen=True)
 class Source:
-    """An arm: its file, the options of its design or the folder of one that is there, and how it is exported.
+    """An arm: its file, the settings of its design or the folder of one that is there, and how it is exported.
 
     `brakes`: whether joints that do not say so have them.
     """
@@ -48,10 +59,21 @@ class Source:
     name: str
     about: str
     file: Path
-    options: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
     real: str = "double"
     brakes: bool = True
     design: Path | None = None
+
+    @property
+    def command(self) -> list[str]:
+        """Words of the command that makes the same law, and tests it."""
+        words = ["design", str(self.file)]
+        for key, value in self.settings.items():
+            words += [
+                f"--{key.replace('_', '-')}",
+                ",".join(value) if isinstance(value, tuple) else str(value),
+            ]
+        return words
 
 
 #: By name.
@@ -59,12 +81,12 @@ ARMS: Mapping[str, Source] = {
     arm.name: arm
     for arm in (
         Source("one", "one joint without a brake, torque drive, both encoders", HERE / "robots" / "one.toml",
-               ("--measured", BOTH), brakes=False),
-        Source("two", "two joints, voltages, both encoders", HERE / "robots" / "two.toml", ("--measured", BOTH)),
+               {"measured": BOTH}, brakes=False),
+        Source("two", "two joints, voltages, both encoders", HERE / "robots" / "two.toml", {"measured": BOTH}),
         Source("servo", "two joints, position drives every 4 ms, both encoders", HERE / "robots" / "servo.toml",
-               ("--measured", BOTH, "--period", "4ms", "--latency", "2")),
+               {"measured": BOTH, "period": 4e-3, "latency": 2}),
         Source("six", "six joints, torque drives, motor encoders, float", HERE / "robots" / "six.toml",
-               ("--measured", "motor_position", "--measurement-noise", "0.01mrad"), real="float"),
+               {"measured": ("motor_position",), "measurement_noise": 1e-10}, real="float"),
     )
 }  # fmt: skip
 
@@ -108,40 +130,44 @@ def digest_of(*parts: str | bytes | Path) -> str:
     return found.hexdigest()[:12]
 
 
-def _flexhinf(words: Sequence[str], out: Path) -> None:
-    """Run a command that writes a folder; what it prints is kept beside it. RuntimeError where it writes none."""
-    done = subprocess.run(
-        [sys.executable, "-m", "flexhinf", *words, "--out", str(out)], capture_output=True, text=True, check=False,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.with_suffix(".txt").write_text(done.stdout + done.stderr, encoding="utf-8")
-    if not out.is_dir():
-        raise RuntimeError(f"flexhinf {' '.join(words)}\n{done.stdout}{done.stderr}")
-
-
 def program_of(arm: Source, build: Path = BUILD) -> Program:
-    """Design, export and compile what is not there."""
-    design = arm.design or build / f"{arm.name}-{digest_of(arm.file, *arm.options)}"
-    if not (design / "design.json").exists():
-        _flexhinf(["design", str(arm.file), *arm.options], design)
-    made = digest_of(
-        arm.file, *arm.options, design / "design.json", arm.real, REPOSITORY / "src" / "flexhinf"
-    )
+    """Export and compile what is not there."""
+    own = [] if arm.design is None else [arm.design / "design.json"]
+    made = digest_of(arm.file, repr(arm.settings), arm.real, *own, REPOSITORY / "src" / "flexhinf")
     export = build / f"{arm.name}-{made}.export"
     if not (export / "arm.c").exists():
-        words = ["--name", "arm", "--real", arm.real, "--accept-estimates", "--accept-unmet"]
-        _flexhinf(["export", "c", str(design), *words], export)
+        (_exported if arm.design is None else _exported_design)(arm, export)
     robot = read_robot(arm.file, arm.brakes)
     header = (export / "arm.h").read_text(encoding="utf-8")
-    sensors = sensors_of(arm, robot, header, (design / "design.toml").read_text(encoding="utf-8"))
-    text = f'#include "bench.h"\n\n{source(robot)}\nconst sensor SENSORS[] = {{{", ".join(sensors)}}};\n'
+    sensors = ", ".join(sensors_of(arm, robot, header))
+    text = f'#include "bench.h"\n\n{source(robot)}\nconst sensor SENSORS[] = {{{sensors}}};\n'
     digest = digest_of(made, text, *(HERE / name for name in (*PARTS, "plant.h", "bench.h", "decide.h")))
     path = build / f"{arm.name}-{digest}.runner"
     if not path.exists():
         (export / "robot.c").write_text(text, encoding="utf-8")
         _compile(export, path)
     return Program(arm, path, robot, _facts(robot, header), digest)
+
+
+def _exported(arm: Source, folder: Path) -> None:
+    """The law that a design finds, as C: the files that firmware compiles."""
+    robot = fh.load_robot(arm.file)
+    specification = fh.Specification(workspace="limits", **arm.settings)
+    setup = tuned_setup(robot, specification, workspace_of(robot))
+    speeds = joint_limits(robot, specification).speed
+    controller = with_measurement_limits(LoopOverWorkspace(setup).controller(), robot, speeds)
+    code = code_of(controller, "arm", arm.real, robot)
+    files = [file for file in FILES if file.template in ("follow.c", "follow.h")]
+    write_files(folder, {**code.files, **files_of(Export(code, (), Accuracy((), (), ""), {}), files)})
+
+
+def _exported_design(arm: Source, folder: Path) -> None:
+    """A design of the caller's, by the command; RuntimeError where it refuses."""
+    words = ["export", "c", str(arm.design), "--name", "arm", "--real", arm.real, "--out", str(folder)]
+    command = [sys.executable, "-m", "flexhinf", *words, "--accept-estimates", "--accept-unmet"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"flexhinf {' '.join(words)}\n{done.stdout}{done.stderr}")
 
 
 def _compile(export: Path, path: Path) -> None:
@@ -159,11 +185,19 @@ def _compile(export: Path, path: Path) -> None:
     part.replace(path)
 
 
-def sensors_of(arm: Source, robot: Robot, header: str, design: str) -> list[str]:
-    """Rows of `sensor` in C, in the order of the exported measurements."""
-    noise, sliding = noise_in(design)
+def noise_of(arm: Source) -> tuple[float, float | None, float]:
+    """What the design assumes of encoders: standard deviations where joints turn, rad, and slide, m, and the step of
+    values."""
+    if arm.design is None:
+        return arm.settings.get("measurement_noise", USUAL_NOISE) ** 0.5, None, 0.0
+    design = (arm.design / "design.toml").read_text(encoding="utf-8")
     quantum = re.search(r"\bquantisation = ([0-9.e-]+)", design)
-    step = float(quantum[1]) if quantum else 0.0
+    return *noise_in(design), float(quantum[1]) if quantum else 0.0
+
+
+def sensors_of(arm: Source, robot: Robot, header: str) -> list[str]:
+    """Rows of `sensor` in C, in the order of the exported measurements."""
+    noise, sliding, step = noise_of(arm)
     stated = tomllib.loads(arm.file.read_text(encoding="utf-8"))["joint"]
     names = [name.upper() for name in robot.joints]
     rows = list[str]()
