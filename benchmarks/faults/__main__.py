@@ -21,11 +21,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from benchmarks.faults.arms import ARMS, BUILD, Program, Source, program_of
 from benchmarks.faults.kinds import FAULTS
 from benchmarks.faults.runs import ALL, SMALLEST, Campaign, Planned, one, smallest_of
-from benchmarks.faults.tables import KEPT, TABLES, command_of, failures, kept, summary, trips
+from benchmarks.faults.tables import KEPT, TABLES, failures, kept, summary, trips
 from benchmarks.faults.verdict import judged
 
 __all__ = ["main"]
 
+#: How this is called.
+PROGRAM = ["python", "-m", "benchmarks.faults"]
 #: Runs of each fault and moves of each arm, as stated, and where it must be quick.
 RUNS, MOVES, QUICK_RUNS, QUICK_MOVES = 10, 1000, 1, 50
 
@@ -94,30 +96,39 @@ def main(arguments: list[str] | None = None) -> int:
         known |= {name: smallest_of(program) for name, program in programs.items()}
         SMALLEST.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
         return 0
+    return run(given, programs)
+
+
+def run(given: argparse.Namespace, programs: Mapping[str, Program]) -> int:
+    """All runs, with their tables."""
     seed = secrets.randbits(31) if given.seed is None else given.seed
     print(f"--seed {seed}", flush=True)
     campaign = Campaign(programs, seed, given.runs, given.moves, given.build / "rows")
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with Progress(*columns) as progress:
-        task = progress.add_task("runs", total=len(campaign.planned()))
-        campaign.make(lambda count: progress.advance(task, count))
-    rows = campaign.rows()
-    words = [
-        "python",
-        "-m",
-        "benchmarks.faults",
-        "--seed",
-        str(seed),
-        "--runs",
-        str(given.runs),
-        "--moves",
-        str(given.moves),
-    ]
-    results = {"command": shlex.join(words), "arms": summary(rows)}
+    try:
+        with Progress(*columns) as progress:
+            task = progress.add_task("runs", total=len(campaign.planned()))
+            campaign.make(lambda count: progress.advance(task, count))
+    except KeyboardInterrupt:
+        print(f"interrupted; what was run is kept: go on with --seed {seed}")
+        return 130
+    rows, words = (
+        campaign.rows(),
+        ["--seed", str(seed), "--runs", str(given.runs), "--moves", str(given.moves)],
+    )
+    results = {"command": shlex.join([*PROGRAM, *words]), "arms": summary(rows)}
     if given.keep:
         KEPT.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-    tell(rows, results)
+    tell(rows, results, own_words(given))
     return 1 if failures(rows) or trips(rows) else 0
+
+
+def own_words(given: argparse.Namespace) -> list[str]:
+    """The command with the options that say which arm of the caller's own is meant."""
+    if given.file is None:
+        return PROGRAM
+    brakes = ["--no-brakes"] if given.no_brakes else []
+    return [*PROGRAM, "--file", str(given.file), "--design", str(given.design), "--real", given.real, *brakes]
 
 
 def repeat(program: Program, fault: str, seed: int, trace: Path | None) -> int:
@@ -130,14 +141,14 @@ def repeat(program: Program, fault: str, seed: int, trace: Path | None) -> int:
     return 0
 
 
-def tell(rows: Sequence[Mapping[str, Any]], results: Mapping[str, Any]) -> None:
-    """Print the tables, and each run that fails."""
+def tell(rows: Sequence[Mapping[str, Any]], results: Mapping[str, Any], words: Sequence[str]) -> None:
+    """Print the tables, and each run that fails, with the command that repeats it."""
     print(TABLES["faults"](results))
-    print(f"\n{TABLES['harmless'](results)}")
-    for row in failures(rows):
-        print(f"{judged(row)}: {command_of(row)}")
-    for row in trips(rows):
-        print(f"stopped: {command_of(row)}")
+    print(f"\n{TABLES['harmless'](results)}\n")
+    for row in (*failures(rows), *trips(rows)):
+        verdict = judged(row) if row["fault"] in FAULTS else "stopped"
+        again = [*words, "--repeat", row["arm"], row["fault"], str(row["seed"])]
+        print(f"{verdict}: {shlex.join(again)}")
 
 
 if __name__ == "__main__":

@@ -34,7 +34,6 @@ typedef struct {
     double speed;         /* of the moves, as a fraction of the speed limits */
     int moves;            /* where above 0, so many, and the run ends with the last */
     int never;            /* 1: nothing stops the arm */
-    int told;             /* 1: the caller says which sensors are fresh */
     int refined;          /* the integrator's steps are divided by this */
     unsigned long long seed;
 } request;
@@ -62,9 +61,12 @@ typedef struct {
     double wrong_at_notice, hundred; /* hundred: s until it was 0.1 rad; below 0: never */
     double furthest, ideal, step;   /* behind the notice; of the ideal stop; what joints move in a sample then */
     double beyond, speed;           /* largest distance from the command; speed over the limit */
+    double fell;                    /* behind the notice and without power, where no brake holds the arm */
     double end, moving;             /* at the end: distance from the command, largest speed lately */
+    double off[MOST];               /* where links were when power went */
     double first[FIRSTS];
     int first_code, rest;           /* rest: samples, one after the other, in which nothing moved */
+    int falls;                      /* 1: power went; 2: where no brake holds an arm that rested */
     int lost;                       /* 1: the arm went so far that nothing more was computed */
     int moves;
 } record;
@@ -88,7 +90,7 @@ typedef struct {
     double u[HISTORY][MOST];         /* as the controller gave them */
     double given[ARM_MEASUREMENTS];  /* what the controller got */
     double applied[MOST];
-    int repeated[ARM_MEASUREMENTS];  /* whether a sensor gave an old value */
+    int repeated[ARM_MEASUREMENTS];  /* whether a sensor gave an old value: what a caller with stamps would know */
     double kept[ARM_MEASUREMENTS];   /* by the fault: where a sensor stuck */
     double before[MOST];             /* by the fault: the payload, springs and damping before; an input that stuck */
     int begun;                       /* whether the fault has begun */

@@ -6,8 +6,7 @@
 
 #include "bench.h"
 
-/* Before a step: what main.c says of time (b->elapsed) and of what is fresh (b->repeated, where b->asked.told). It says
- * nothing. */
+/* Before a step: what main.c says of time (b->elapsed) and of what is fresh (b->repeated). It says nothing. */
 static void decide_before(bench *b)
 {
     b->input.elapsed = 0;

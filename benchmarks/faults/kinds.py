@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-__all__ = ["FAULTS", "HARMLESS", "MOVES", "Facts", "Fault", "drawn", "fitting"]
+__all__ = ["FAULTS", "GROUPS", "HARMLESS", "MOVES", "Facts", "Fault", "drawn", "fitting"]
 
 #: Longer than any run: low, high, unit.
 EVER = (1e6, 1e6, "s")
@@ -48,7 +48,7 @@ class Fault:
 
     `kind`: its name in `faults.c`. `side`: "link", "motor" or "both" of a joint's sensors, "one" joint or "all".
     `low`, `high`: of the size in `unit`; equal where there is but one. `starts`: it is there from the start. `needs`:
-    what an arm must have.
+    what an arm must have. `hidden`: why its sensors cannot show it; "" where they can.
     """
 
     name: str
@@ -62,11 +62,27 @@ class Fault:
     starts: bool = False
     needs: Callable[[Facts], bool] = field(default=lambda facts: True)
     lasts: float = LASTS
+    hidden: Callable[[Facts], str] = field(default=lambda facts: "")
 
     @property
     def sized(self) -> bool:
         """Whether it has sizes of which the smallest that matters can be looked for."""
         return self.high > self.low
+
+
+def seen(facts: Facts) -> str:
+    """Nothing: the sensors can show it."""
+    return ""
+
+
+def shifted(facts: Facts) -> str:
+    """Why nobody sees a zero that is wrong from the start, of all that measures a joint."""
+    return "every reading is that of a sound arm elsewhere"
+
+
+def behind(facts: Facts) -> str:
+    """Why nobody sees what happens behind the motors."""
+    return "" if facts.links else "nothing measures the links"
 
 
 def braked(facts: Facts) -> bool:
@@ -127,12 +143,14 @@ DRIVES = (
     Fault("late drive", "delayed", "one", "a drive acts late", 2e-3, 0.2, "s", "samples"),
     Fault("late drives", "delayed", "all", "all drives act late", 2e-3, 0.2, "s", "samples"),
     Fault("biased drive", "biased", "one", "a drive adds a share of its limit", 0.02, 1.0, "1", "signed"),
-    Fault("shorted drive", "shorted", "one", "windings are shorted", needs=lambda facts: facts.drive == "voltage"),
+    Fault("shorted drive", "shorted", "one", "windings are shorted", needs=lambda facts: facts.drive == "voltage",
+          hidden=lambda facts: "it brakes its joint, as something in its way would"),
 )  # fmt: skip
 
 MECHANICS = (
-    Fault("soft spring", "spring", "one", "a spring is so many times too soft, less one", 0.2, 50.0, "1", "less"),
-    Fault("broken spring", "spring", "one", "a spring breaks", 1e-5, 1e-5),
+    Fault("soft spring", "spring", "one", "a spring is so many times too soft, less one", 0.2, 50.0, "1", "less",
+          hidden=behind),
+    Fault("broken spring", "spring", "one", "a spring breaks", 1e-5, 1e-5, hidden=behind),
     Fault("wall", "wall", "one", "something stands in the way, so far ahead", 1e-3, 0.5, "rad", "signed"),
     Fault("blocked joint", "blocked", "one", "a joint is held for ever", *EVER),
     Fault("brake alone", "braked", "one", "a brake closes, its drive goes off", *EVER, needs=braked),
@@ -149,7 +167,7 @@ MECHANICS = (
 
 STARTS = (
     Fault("elsewhere", "elsewhere", "one", "the arm starts elsewhere", 1e-2, 1.5, "rad", "signed", True,
-          lambda facts: not facts.links),
+          lambda facts: not facts.links, hidden=shifted),
     Fault("starts in motion", "moving", "one", "a joint moves at the start", 0.05, 2.0, "rad/s", "signed", True),
 )  # fmt: skip
 
@@ -166,6 +184,7 @@ def _sensors() -> Iterator[Fault]:
     zero = Fault(
         "wrong zero", "offset", "", "the zero is wrong from the start", 1e-3, 3.0, "rad", "signed", True
     )
+    alike = {"link": seen, "motor": lambda facts: "" if facts.links else shifted(facts), "both": shifted}
     sides = {
         "link": lambda facts: facts.links,
         "motor": lambda facts: facts.motors,
@@ -177,13 +196,21 @@ def _sensors() -> Iterator[Fault]:
             def needs(facts: Facts, has: Any = has, also: Any = fault.needs) -> bool:
                 return has(facts) and also(facts)
 
-            yield replace(fault, name=f"{fault.name}, {side}", side=side, needs=needs)
+            hidden = alike[side] if fault is zero else seen
+            yield replace(fault, name=f"{fault.name}, {side}", side=side, needs=needs, hidden=hidden)
 
 
-#: By name; a shorted drive and the like stand here too: what sensors cannot show is said by the tables.
-FAULTS: Mapping[str, Fault] = {
-    fault.name: fault for fault in (*_sensors(), *FRAMES, *DRIVES, *MECHANICS, *STARTS, *CLOCK)
+#: By what fails.
+GROUPS: Mapping[str, tuple[Fault, ...]] = {
+    "a joint's sensors": tuple(_sensors()),
+    "whole frames": FRAMES,
+    "drives": DRIVES,
+    "mechanics": MECHANICS,
+    "the start": STARTS,
+    "the clock": CLOCK,
 }
+#: By name.
+FAULTS: Mapping[str, Fault] = {fault.name: fault for faults in GROUPS.values() for fault in faults}
 
 #: What no controller may stop for.
 HARMLESS: Mapping[str, Fault] = {

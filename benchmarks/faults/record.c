@@ -106,6 +106,25 @@ static void notice(bench *b, int code)
     r->ideal = ideal_stop(b);
 }
 
+/* How far the arm goes behind a notice; where no brake holds it and it rested when its drives went off, it falls from
+ * then on, which is counted apart. */
+static void stopped(bench *b)
+{
+    record *r = &b->found;
+    int braked = 1;
+    for (int i = 0; i < NOMINAL.n; ++i) { braked = braked && NOMINAL.is.brake[i] >= 0.0; }
+    if (!r->noticed || b->t - b->asked.at - r->when > WATCHED) { return; }
+    if (!b->said.power && !r->falls) {
+        memcpy(r->off, b->arm.q, sizeof r->off);
+        r->falls = !braked && r->rest > 0 ? 2 : 1;
+    }
+    if (r->falls == 2) {
+        r->fell = fmax(r->fell, way(&b->arm, r->off));
+    } else {
+        r->furthest = fmax(r->furthest, way(&b->arm, r->notice.q));
+    }
+}
+
 void record_sample(bench *b, int code)
 {
     record *r = &b->found;
@@ -126,9 +145,7 @@ void record_sample(bench *b, int code)
     if (stops && !r->noticed) { notice(b, code); }
     r->lost = r->lost || !(distance < LOST);
     r->rest = largest_speed(arm) < STILL ? r->rest + 1 : 0;
-    /* Where no brake holds it, an arm that came to rest before its drives went off has stopped. */
-    const int braked = NOMINAL.is.brake[0] >= 0.0, ended = !braked && !b->said.power && r->rest > 0 && r->noticed;
-    if (r->noticed && b->t - b->asked.at - r->when <= WATCHED && !ended) { r->furthest = fmax(r->furthest, way(arm, r->notice.q)); }
+    stopped(b);
     r->moving = fmax(largest_speed(arm), r->moving * exp(-ARM_PERIOD / FORGOTTEN));
     r->end = distance;
 }
@@ -138,10 +155,10 @@ void record_print(const bench *b)
     const record *r = &b->found;
     printf("{\"seed\": %llu, \"noticed\": %d, \"early\": %d, \"when\": %.6g, \"code\": %d, \"status\": %d, \"stop\": %u, "
            "\"category\": %d, \"wrong\": %.4g, \"wrong_at_notice\": %.4g, \"hundred\": %.6g, \"furthest\": %.4g, "
-           "\"ideal\": %.4g, \"step\": %.3g, \"beyond\": %.4g, \"speed\": %.4g, \"end\": %.4g, \"moving\": %.3g, \"rest\": %d, "
+           "\"fell\": %.4g, \"ideal\": %.4g, \"step\": %.3g, \"beyond\": %.4g, \"speed\": %.4g, \"end\": %.4g, \"moving\": %.3g, \"rest\": %d, "
            "\"power\": %d, \"path\": %.3g, \"contact\": %.4g, \"lost\": %d, \"moves\": %d, \"first_code\": %d, \"first\": [",
            b->asked.seed, r->noticed, r->early, r->when, r->code, r->status, r->stop, r->category, r->wrong,
-           r->wrong_at_notice, r->hundred, r->furthest, r->ideal, r->step, r->beyond, r->speed, r->end, r->moving, r->rest,
+           r->wrong_at_notice, r->hundred, r->furthest, r->fell, r->ideal, r->step, r->beyond, r->speed, r->end, r->moving, r->rest,
            b->acts, (double)b->output.path_rate, b->arm.contact, r->lost, r->moves, r->first_code);
     for (int i = 0; i < FIRSTS; ++i) { printf("%s%.5g", i > 0 ? ", " : "", r->first[i]); }
     printf("], \"at\": %.6g}\n", b->asked.at);
@@ -159,7 +176,7 @@ void trace_open(const char *path)
     for (unsigned c = 0; c < sizeof joints / sizeof *joints; ++c) {
         for (int i = 0; i < NOMINAL.n; ++i) { fprintf(traced, ",%s_%d", joints[c], i); }
     }
-    const char *const sensors[] = {"y", "unseen", "rejected"};
+    const char *const sensors[] = {"y", "old", "unseen", "rejected"};
     for (unsigned c = 0; c < sizeof sensors / sizeof *sensors; ++c) {
         for (int i = 0; i < ARM_MEASUREMENTS; ++i) { fprintf(traced, ",%s_%d", sensors[c], i); }
     }
@@ -179,6 +196,7 @@ void trace_sample(const bench *b, int code)
     for (int i = 0; i < NOMINAL.n; ++i) { fprintf(traced, ",%.9g", b->applied[i]); }
     for (int i = 0; i < 2 * NOMINAL.n; ++i) { fprintf(traced, ",%.9g", (double)b->output.estimate[i]); }
     for (int i = 0; i < ARM_MEASUREMENTS; ++i) { fprintf(traced, ",%.9g", b->given[i]); }
+    for (int i = 0; i < ARM_MEASUREMENTS; ++i) { fprintf(traced, ",%d", b->repeated[i]); }
     for (int i = 0; i < ARM_MEASUREMENTS; ++i) { fprintf(traced, ",%d", b->output.unseen[i]); }
     for (int i = 0; i < ARM_MEASUREMENTS; ++i) { fprintf(traced, ",%d", b->output.rejected[i]); }
     fprintf(traced, ",%d,%d,%d,%.6g,%u,%d,%d\n", b->input.measured, code, b->output.status, (double)b->output.path_rate,

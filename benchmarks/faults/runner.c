@@ -183,7 +183,6 @@ static int understood(request *r, const char *key, const char *value)
     else if (strcmp(key, "speed") == 0) { r->speed = number; }
     else if (strcmp(key, "moves") == 0) { r->moves = (int)number; }
     else if (strcmp(key, "never") == 0) { r->never = (int)number; }
-    else if (strcmp(key, "told") == 0) { r->told = (int)number; }
     else if (strcmp(key, "refined") == 0) { r->refined = (int)number; }
     else { return 0; }
     return r->kind >= 0;

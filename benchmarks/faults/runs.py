@@ -58,17 +58,13 @@ def _made(
 ) -> list[dict[str, Any]]:
     smallest = kept_smallest(program.arm.name)
     requests = [drawn(ALL[run.fault], program.facts, smallest, run.seed) | more for run in runs]
+    hidden = [ALL[run.fault].hidden(program.facts) for run in runs]
     found = program.lines(requests, trace)
     return [
-        {
-            "arm": run.arm,
-            "fault": run.fault,
-            "joint": request["joint"],
-            "magnitude": request["magnitude"],
-            "x": request["x"],
-        }
+        {"arm": run.arm, "fault": run.fault, "hidden": why}
+        | {key: request[key] for key in ("joint", "magnitude", "x")}
         | row
-        for run, request, row in zip(runs, requests, found, strict=True)
+        for run, request, why, row in zip(runs, requests, hidden, found, strict=True)
     ]
 
 

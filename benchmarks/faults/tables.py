@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.faults.arms import ARMS
-from benchmarks.faults.kinds import FAULTS, HARMLESS, MOVES
+from benchmarks.faults.kinds import FAULTS, GROUPS, HARMLESS, MOVES
 from benchmarks.faults.verdict import FAILURES, VERDICTS, judged, judged_harmless
 
 __all__ = ["KEPT", "TABLES", "failures", "summary", "trips"]
@@ -26,11 +26,6 @@ def failures(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 def trips(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Rows of what is harmless, that something stopped."""
     return [row for row in rows if row["fault"] not in FAULTS and not judged_harmless(row)]
-
-
-def command_of(row: Mapping[str, Any]) -> str:
-    """The command that repeats a run."""
-    return f'python -m benchmarks.faults --repeat {row["arm"]} "{row["fault"]}" {row["seed"]}'
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -94,17 +89,41 @@ def _ended(one: Mapping[str, Any] | None) -> str:
     if one is None:
         return ""
     bad = ", ".join(f"{one[name]} {name}" for name in FAILURES if name in one)
-    good = [f"{one[name]} {name}" for name in ("kept", "harmless", "stands") if name in one]
+    good = [f"{one[name]} {name}" for name in ("kept", "harmless", "stands", "hidden") if name in one]
     return ", ".join([*good, *([f"**{bad}**"] if bad else [])])
 
 
 def _counted(arms: Mapping[str, Any]) -> str:
+    counts = _verdicts(arms, FAULTS)
+    return (
+        f"{counts.total()} runs: "
+        + ", ".join(f"{counts[name]} {name}" for name in VERDICTS if counts[name])
+        + "."
+    )
+
+
+def _verdicts(arms: Mapping[str, Any], names: Collection[str]) -> Counter[str]:
+    """How many runs of these faults ended how."""
     counts = Counter[str]()
     for faults in arms.values():
-        for name, one in faults.items():
-            counts.update({key: one[key] for key in VERDICTS if key in one} if name in FAULTS else {})
-    total = sum(counts.values())
-    return f"{total} runs: " + ", ".join(f"{counts[name]} {name}" for name in VERDICTS if counts[name]) + "."
+        for name in set(names) & set(faults):
+            counts.update({key: faults[name][key] for key in VERDICTS if key in faults[name]})
+    return counts
+
+
+def by_group(results: Mapping[str, Any]) -> str:
+    """A line for each group of faults: how many runs ended how."""
+    arms = results["arms"]
+    ends = [name for name in VERDICTS if _verdicts(arms, FAULTS)[name]]
+    lines = _head(("faults of", "kinds and sides", "runs", *ends))
+    for title, faults in GROUPS.items():
+        counts = _verdicts(arms, [fault.name for fault in faults])
+        lines.append(
+            _cells(
+                [title, str(len(faults)), str(counts.total()), *(str(counts[name] or "") for name in ends)]
+            )
+        )
+    return "\n".join([*lines, "", *(f"- {name}: {VERDICTS[name]}" for name in ends)])
 
 
 def harmless(results: Mapping[str, Any]) -> str:

@@ -25,6 +25,7 @@ VERDICTS = {
     "kept": "noticed in time, and stopped as an ideal stop would",
     "harmless": "unnoticed, and the arm stays on its path",
     "stands": "unnoticed; the arm stands off its goal, held or braked along its path, without wrong motion",
+    "hidden": "unnoticed, and the sensors of this arm cannot show it",
     "unnoticed": "unnoticed, with wrong motion",
     "away": "unnoticed, and run away: beyond 0.3 rad, or 1.5 times a speed limit",
     "late": "noticed later than 50 ms and 0.1 rad",
@@ -46,6 +47,8 @@ def judged(row: Mapping[str, Any]) -> str:
         still = row["moving"] <= RESTS and row["speed"] <= FAST
         if row["wrong"] <= HARM and still:
             return "harmless" if row["end"] <= HARM else "stands"
+        if row["hidden"]:
+            return "hidden"
         return "away" if ran_away(row) else "unnoticed"
     if row["early"]:
         return "early"
