@@ -56,6 +56,7 @@ typedef struct {
     moment fault, notice;
     int noticed, early, code, status, category;
     unsigned int stop;
+    double last[MOST], going[MOST]; /* of wrong motion: where links were, and how far they went away */
     double when;                    /* of the notice, s behind the fault */
     double wrong;                   /* from the fault to the notice: wrong motion, see verdict.py */
     double wrong_at_notice, hundred; /* hundred: s until it was 0.1 rad; below 0: never */

@@ -43,11 +43,12 @@ int fault_named(const char *name)
 
 static int is_meant(const bench *b, int joint) { return b->asked.joint < 0 || b->asked.joint == joint; }
 
-/* Whether a sensor of the side and the joint of the fault; frames are all sensors. */
+/* Whether a sensor is one of the side and the joint of the fault, or of the joint that it is swapped with. */
 static int senses(const bench *b, int i)
 {
     const int kind = SENSORS[i].kind, of_motor = kind == MOTOR_POSITION || kind == MOTOR_VELOCITY;
-    return is_meant(b, SENSORS[i].joint) && (of_motor ? b->asked.motors : b->asked.links);
+    const int swapped = b->asked.kind == SWAPPED && SENSORS[i].joint == b->asked.other;
+    return (is_meant(b, SENSORS[i].joint) || swapped) && (of_motor ? b->asked.motors : b->asked.links);
 }
 
 /* The start ------------------------------------------------------------------------------------------------------- */
@@ -105,10 +106,6 @@ void fault_arm(bench *b)
         if (is_meant(b, i)) { break_joint(b, i, first, over); }
     }
     if (first && b->asked.kind == PAYLOAD) { plant_carry(&b->arm, b->asked.magnitude); }
-    for (int i = 0; i < NOMINAL.n && !b->acts; ++i) { /* whoever stopped the arm has closed its brakes */
-        b->arm.powered[i] = 0;
-        b->arm.braked[i] = 1;
-    }
 }
 
 /* Sensors --------------------------------------------------------------------------------------------------------- */

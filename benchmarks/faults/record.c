@@ -12,13 +12,15 @@ static const double STILL = 0.02;
 static const double FORGOTTEN = 0.1;
 /* Where no arm is any more, rad. */
 static const double LOST = 1e3;
+/* A joint whose distance from its command has changed by less is at its command, rad. */
+static const double NEAR = 0.01;
 /* Wrong motion by which a fault must be noticed, rad (m). */
 static const double WRONG = 0.1;
 
-static double largest_speed(const plant *p)
+static double largest(const double *speed)
 {
     double most = 0.0;
-    for (int i = 0; i < p->model.n; ++i) { most = fmax(most, fmax(fabs(p->v[i]), fabs(p->w[i]))); }
+    for (int i = 0; i < NOMINAL.n; ++i) { most = fmax(most, fabs(speed[i])); }
     return most;
 }
 
@@ -125,28 +127,40 @@ static void stopped(bench *b)
     }
 }
 
+/* How far a joint has moved away from its command, by its own motion: see verdict.py. */
+static double wrong_motion(bench *b, int i, double away)
+{
+    record *r = &b->found;
+    const double changed = away - (r->fault.q[i] - r->fault.command[i]), moved = b->arm.q[i] - r->last[i];
+    r->last[i] = b->arm.q[i];
+    r->going[i] = fabs(changed) < NEAR ? 0.0 : fmax(r->going[i] + copysign(moved, changed * moved), 0.0);
+    return fmin(r->going[i], fabs(changed));
+}
+
 void record_sample(bench *b, int code)
 {
     record *r = &b->found;
     const plant *arm = &b->arm;
     const int stops = b->said.stop != 0u || !b->said.power;
     double distance = 0.0;
-    if (b->on && !b->begun) { r->fault = moment_of(b); }
+    if (b->on && !b->begun) {
+        r->fault = moment_of(b);
+        memcpy(r->last, arm->q, sizeof r->last);
+    }
     if (b->acts || !r->noticed) { signals(b, code); }
     for (int i = 0; i < NOMINAL.n; ++i) {
         const double away = arm->q[i] - (double)b->row.position[i];
         distance = fmax(distance, fabs(away));
-        const double changed = fabs(away - (r->fault.q[i] - r->fault.command[i])), moved = fabs(arm->q[i] - r->fault.q[i]);
-        if (b->on && !r->noticed) { r->wrong = fmax(r->wrong, fmin(changed, moved)); }
+        if (b->on && !r->noticed) { r->wrong = fmax(r->wrong, wrong_motion(b, i, away)); }
         if (b->on) { r->speed = fmax(r->speed, fabs(arm->v[i]) / NOMINAL.is.speed_limit[i]); }
     }
     if (b->on) { r->beyond = fmax(r->beyond, distance); }
     if (r->hundred < 0.0 && r->wrong > WRONG) { r->hundred = b->t - b->asked.at; }
     if (stops && !r->noticed) { notice(b, code); }
     r->lost = r->lost || !(distance < LOST);
-    r->rest = largest_speed(arm) < STILL ? r->rest + 1 : 0;
+    r->rest = fmax(largest(arm->v), largest(arm->w)) < STILL ? r->rest + 1 : 0;
     stopped(b);
-    r->moving = fmax(largest_speed(arm), r->moving * exp(-ARM_PERIOD / FORGOTTEN));
+    r->moving = fmax(largest(arm->v), r->moving * exp(-ARM_PERIOD / FORGOTTEN));
     r->end = distance;
 }
 

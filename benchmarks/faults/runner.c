@@ -139,6 +139,15 @@ static int sample(bench *b)
     return code;
 }
 
+/* Whoever stops the arm closes its brakes. */
+static void cut_power(bench *b)
+{
+    for (int i = 0; i < NOMINAL.n; ++i) {
+        b->arm.powered[i] = 0;
+        b->arm.braked[i] = 1;
+    }
+}
+
 static int goes_on(const bench *b)
 {
     const record *r = &b->found;
@@ -157,8 +166,9 @@ static void run(bench *b, const request *asked)
         if (b->acts) { code = sample(b); }
         fault_inputs(b, b->applied);
         fault_arm(b);
-        record_sample(b, code);
+        record_sample(b, code); /* with an ideal stop, whose drives still had power */
         trace_sample(b, code);
+        if (!b->acts) { cut_power(b); }
         b->elapsed = fault_period(b);
         b->begun = b->on;
         plant_run(&b->arm, b->applied, b->elapsed, b->asked.refined);

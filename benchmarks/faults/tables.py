@@ -40,7 +40,13 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             own["category"] = sorted({*own.get("category", []), row["category"]})
             ratio = row["furthest"] / max(row["ideal"], 1e-3)
             wrong, way = row["wrong_at_notice"], row["furthest"]
-            worst = {"when": row["when"], "wrong": wrong, "furthest": way, "ratio": ratio}
+            worst = {
+                "when": row["when"],
+                "wrong": wrong,
+                "furthest": way,
+                "ratio": ratio,
+                "fell": row["fell"],
+            }
             for key, value in worst.items():
                 own[key] = max(own.get(key, 0.0), float(f"{value:.4g}"))
     return found
@@ -63,25 +69,36 @@ def by_fault(results: Mapping[str, Any]) -> str:
     """A line for each fault: of each arm how many runs were kept, harmless, and failed; the worst of all arms."""
     arms = results["arms"]
     lines = _head(
-        ("fault", *arms, "noticed after", "wrong motion by then", "furthest, of the ideal stop", "category")
+        (
+            "fault",
+            *arms,
+            "noticed after",
+            "wrong motion by then",
+            "furthest, of the ideal stop",
+            "falls",
+            "category",
+        )
     )
     for name in FAULTS:
-        cells = [_ended(arms[arm].get(name)) for arm in arms]
         every = [arms[arm][name] for arm in arms if name in arms[arm]]
-        noticed = [one for one in every if "when" in one]
-        if not every:
-            continue
-        worst = ["", "", "", ""]
-        if noticed:
-            category = sorted({each for one in noticed for each in one["category"]})
-            worst = [
-                f"{1e3 * max(one['when'] for one in noticed):.3g} ms",
-                f"{max(one['wrong'] for one in noticed):.2g} rad",
-                f"{max(one['furthest'] for one in noticed):.2g} rad, {max(one['ratio'] for one in noticed):.3g}",
-                ", ".join(map(str, category)),
-            ]  # fmt: skip
-        lines.append(_cells([name, *cells, *worst]))
+        if every:
+            lines.append(_cells([name, *(_ended(arms[arm].get(name)) for arm in arms), *_worst(every)]))
     return "\n".join([*lines, "", _counted(arms)])
+
+
+def _worst(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of the arms' runs that were noticed."""
+    noticed = [one for one in found if "when" in one]
+    if not noticed:
+        return [""] * 5
+    when, wrong, way, ratio, fell = (
+        max(one[key] for one in noticed) for key in ("when", "wrong", "furthest", "ratio", "fell")
+    )
+    category = sorted({each for one in noticed for each in one["category"]})
+    return [
+        f"{1e3 * when:.3g} ms", f"{wrong:.2g} rad", f"{way:.2g} rad, {ratio:.3g}", f"{fell:.2g} rad" if fell else "",
+        ", ".join(map(str, category)),
+    ]  # fmt: skip
 
 
 def _ended(one: Mapping[str, Any] | None) -> str:
@@ -148,7 +165,8 @@ def arms(results: Mapping[str, Any]) -> str:
 
 
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
-    "faults": by_fault,
-    "harmless": harmless,
     "arms": arms,
+    "groups": by_group,
+    "harmless": harmless,
+    "faults": by_fault,
 }
