@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.faults.arms import ARMS, BUILD, Program, Source, program_of
 from benchmarks.faults.kinds import FAULTS
-from benchmarks.faults.runs import ALL, SMALLEST, Campaign, Planned, one, smallest_of
+from benchmarks.faults.runs import ALL, Campaign, Planned, keep_smallest, one
 from benchmarks.faults.tables import KEPT, TABLES, failures, kept, summary, trips
 from benchmarks.faults.verdict import judged
 
@@ -92,9 +92,8 @@ def main(arguments: list[str] | None = None) -> int:
     if given.repeat:
         return repeat(programs[given.repeat[0]], given.repeat[1], int(given.repeat[2]), given.trace)
     if given.smallest:
-        known = json.loads(SMALLEST.read_text(encoding="utf-8")) if SMALLEST.exists() else {}
-        known |= {name: smallest_of(program) for name, program in programs.items()}
-        SMALLEST.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        for program in programs.values():
+            keep_smallest(program)
         return 0
     return run(given, programs)
 

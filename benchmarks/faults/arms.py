@@ -93,10 +93,11 @@ ARMS: Mapping[str, Source] = {
 
 @dataclass(frozen=True)
 class Program:
-    """What runs an arm: the path of the program, the robot, and what decides which faults it may have."""
+    """What runs an arm: the path of the program, the folder of its export, the robot and its facts."""
 
     arm: Source
     path: Path
+    export: Path
     robot: Robot
     facts: Facts
     digest: str
@@ -146,7 +147,7 @@ def program_of(arm: Source, build: Path = BUILD) -> Program:
     if not path.exists():
         (export / "robot.c").write_text(text, encoding="utf-8")
         _compile(export, path)
-    return Program(arm, path, robot, _facts(robot, header), digest)
+    return Program(arm, path, export, robot, _facts(robot, header), digest)
 
 
 def _exported(arm: Source, folder: Path) -> None:

@@ -19,7 +19,7 @@ from benchmarks.faults.arms import BUILD, Program
 from benchmarks.faults.kinds import FAULTS, HARMLESS, MOVES, MOVES_OF_A_RUN, Fault, drawn, fitting
 from benchmarks.faults.verdict import HARM
 
-__all__ = ["ALL", "SMALLEST", "Campaign", "Planned", "one", "smallest_of"]
+__all__ = ["ALL", "Campaign", "Planned", "keep_smallest", "one", "smallest_of"]
 
 #: Faults, what is harmless, and moves, by name.
 ALL: Mapping[str, Fault] = {**FAULTS, **HARMLESS, MOVES.name: MOVES}
@@ -43,9 +43,23 @@ class Planned:
         return f"{self.arm}/{self.fault}/{self.seed}"
 
 
-def kept_smallest(arm: str, file: Path = SMALLEST) -> dict[str, float]:
+def _smallest_file(program: Program) -> Path:
+    """Of the arms here one that is kept; of another one beside its program."""
+    return SMALLEST if program.arm.design is None else program.path.with_suffix(".json")
+
+
+def kept_smallest(program: Program) -> dict[str, float]:
     """Smallest sizes of an arm's faults; none where they were not looked for."""
-    return json.loads(file.read_text(encoding="utf-8")).get(arm, {}) if file.exists() else {}
+    file = _smallest_file(program)
+    return json.loads(file.read_text(encoding="utf-8")).get(program.arm.name, {}) if file.exists() else {}
+
+
+def keep_smallest(program: Program) -> None:
+    """Look for the smallest sizes of an arm's faults, and keep them."""
+    file = _smallest_file(program)
+    known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    known[program.arm.name] = smallest_of(program)
+    file.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
 
 
 def one(program: Program, planned: Planned, trace: Path | None = None, **more: Any) -> dict[str, Any]:
@@ -56,7 +70,7 @@ def one(program: Program, planned: Planned, trace: Path | None = None, **more: A
 def _made(
     program: Program, runs: Sequence[Planned], trace: Path | None = None, **more: Any
 ) -> list[dict[str, Any]]:
-    smallest = kept_smallest(program.arm.name)
+    smallest = kept_smallest(program)
     requests = [drawn(ALL[run.fault], program.facts, smallest, run.seed) | more for run in runs]
     hidden = [ALL[run.fault].hidden(program.facts) for run in runs]
     found = program.lines(requests, trace)
