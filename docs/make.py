@@ -499,6 +499,10 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         "docs/firmware_study.md",
         benchmark("benchmarks.firmware", "--table", "trajectories"),
     ),
+    **{
+        f"faults-{table}": ("docs/firmware_study.md", benchmark("benchmarks.faults", "--table", table))
+        for table in ("arms", "groups", "harmless", "faults")
+    },
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
     "public-robots": ("docs/hardware.md", benchmark("benchmarks.robots", "--table")),
