@@ -23,10 +23,8 @@ import flexhinf as fh
 from benchmarks.faults.kinds import Facts
 from benchmarks.faults.robot import Robot, read_robot, source
 from benchmarks.limits.arms import noise_in
-from flexhinf.design.responses import joint_limits
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.search import tuned_setup
-from flexhinf.export import with_measurement_limits
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import FILES, Export, files_of, write_files
 from flexhinf.export.self_test import Accuracy
@@ -155,9 +153,7 @@ def _exported(arm: Source, folder: Path) -> None:
     robot = fh.load_robot(arm.file)
     specification = fh.Specification(workspace="limits", **arm.settings)
     setup = tuned_setup(robot, specification, workspace_of(robot))
-    speeds = joint_limits(robot, specification).speed
-    controller = with_measurement_limits(LoopOverWorkspace(setup).controller(), robot, speeds)
-    code = code_of(controller, "arm", arm.real, robot)
+    code = code_of(LoopOverWorkspace(setup).controller(), "arm", arm.real, robot)
     files = [file for file in FILES if file.template in ("follow.c", "follow.h")]
     write_files(folder, {**code.files, **files_of(Export(code, (), Accuracy((), (), ""), {}), files)})
 

@@ -50,7 +50,7 @@ typedef struct {
 } moment;
 
 /* When something was first so, s behind the fault; below 0: never. */
-enum { FIRST_CODE = 0, FIRST_REJECTED = 1, FIRST_UNSEEN = 2, FIRST_PATH = 3, FIRST_STATUS = 4, FIRSTS = 12 };
+enum { FIRST_CODE = 0, FIRST_REJECTED = 1, FIRST_UNSEEN = 2, FIRST_PATH = 3, FIRST_STATUS = 4, FIRSTS = 20 };
 
 typedef struct {
     moment fault, notice;
@@ -95,6 +95,7 @@ typedef struct {
     double kept[ARM_MEASUREMENTS];   /* by the fault: where a sensor stuck */
     double before[MOST];             /* by the fault: the payload, springs and damping before; an input that stuck */
     int begun;                       /* whether the fault has begun */
+    int refused;                     /* why the start was refused; 0: it was not */
     unsigned long long random[STREAMS];
 } bench;
 

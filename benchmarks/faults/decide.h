@@ -1,35 +1,34 @@
-/* The rule that judges: that of the exported main.c, which reads the code and `unseen`. Whoever exports another one
- * changes these two functions and nothing else. A rule may leave power on while it stops the arm (category 1, until it
- * takes the power away, or 2): `stop` then says that it has noticed, and output.u acts meanwhile. */
+/* The rule that judges: the exported functions, called as the exported main.c does. Whoever exports another one changes
+ * these functions and nothing else. A rule may leave power on while it stops the arm (category 1, until it takes the
+ * power away, or 2): `stop` then says that it has noticed, and output.u acts meanwhile. */
 #ifndef FAULTS_DECIDE_H
 #define FAULTS_DECIDE_H
 
 #include "bench.h"
 
-/* Before a step: what main.c says of time (b->elapsed) and of what is fresh (b->repeated). It says nothing. */
-static void decide_before(bench *b)
+/* Before the start, once per sample, while drives have no power: whether the arm may start. Below 0: not known yet. */
+static int may_start(bench *b)
 {
-    b->input.elapsed = 0;
-    b->input.age = 0;
+    int why = 0;
+    const int code = arm_at_rest(&b->controller, &arm_defaults, &b->input, &why);
+    b->refused = why;
+    return code == ARM_WAITING ? -1 : code == ARM_OK;
 }
 
-/* Samples that a sensor may be without a measurement, as in main.c. */
-enum { LONGEST_UNSEEN = 10 };
+/* Before a step: what main.c says of time. What is fresh it does not know. */
+static void decide_before(bench *b)
+{
+    b->input.elapsed = (arm_real)b->elapsed;
+    b->input.age = 0;
+}
 
 /* After a step: whether drives may have power. It is asked until it says no: nothing steps behind that. */
 static decision decide(bench *b, int code)
 {
     decision said = {1, 0u, -1};
-    for (int i = 0; i < ARM_MEASUREMENTS; ++i) {
-        if (b->output.unseen[i] > LONGEST_UNSEEN && code != ARM_WAITING) { said.stop = 1u; }
-    }
-    if (code == ARM_STOPPED || code == ARM_BAD_PERIOD || code == ARM_WENT_BACK || code == ARM_NOT_INITIALISED) {
-        said.stop |= 2u;
-    }
-    if (said.stop != 0u) {
-        said.power = 0;
-        said.category = 0;
-    }
+    said.power = arm_may_act(&b->controller, &arm_defaults, code, &b->output);
+    said.stop = (unsigned int)b->output.stop;
+    if (said.stop != 0u) { said.category = arm_defaults.category; }
     return said;
 }
 
