@@ -17,7 +17,8 @@
 
 VENV   ?= .venv
 PEERS  ?= .venv-peers
-PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
+PYTHONS := python3 python3.13 python3.12 python3.11 python
+PYTHON ?= $(shell for p in $(PYTHONS); do \
              $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; exit; }; done)
 
 # The venv's Python keeps bytecode, whatever the user's shell says: tests start hundreds of processes.
@@ -29,7 +30,8 @@ DEV     := $(VENV)/.stamp-dev
 PROJECT := $(VENV)/.stamp-project
 DOCS    := $(VENV)/.stamp-docs
 # Beside a venv's own pip stands the outer one, for systems whose Python ships without ensurepip.
-PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
+HAS      = -c 'import importlib.util, sys; sys.exit(importlib.util.find_spec(sys.argv[1]) is None)'
+PIP     := if $(PY) $(HAS) pip; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
            $$pip --disable-pip-version-check --no-input install --quiet
 
 # All cores; the tests of a file stay together, so that what they share is made once.
@@ -181,10 +183,11 @@ environment-docs: $(DOCS) $(PROJECT)
 
 # Either lock makes the venv anew, so that nothing of an older lock stays behind.
 $(RUN): requirements.lock requirements-dev.lock
-	@test -n "$(PYTHON)" || { echo "flexhinf needs Python 3.11 or newer; none was found. Try: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@test -n "$(PYTHON)" || { for p in $(PYTHONS); do command -v $$p && $$p --version; done >&2; \
+	  echo "flexhinf needs Python 3.11 or newer, and none of $(PYTHONS) is one. Try: make PYTHON=/path/to/python3" >&2; exit 1; }
 	@echo "Setting up $(VENV) with $$($(PYTHON) --version) (about half a minute) ..."
 	@rm -rf $(VENV)
-	@$(PYTHON) -m venv $(VENV) 2>/dev/null || { rm -rf $(VENV); $(PYTHON) -m venv --without-pip $(VENV); }
+	@if $(PYTHON) $(HAS) ensurepip; then $(PYTHON) -m venv $(VENV); else $(PYTHON) -m venv --without-pip $(VENV); fi
 	@$(PIP) --require-hashes -r requirements.lock
 	@touch $@
 

@@ -118,8 +118,7 @@ def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path,
         ("robot/mujoco.py", "mujoco"),
         ("robot/mujoco.py", "mujoco.viewer"),
         ("processors.py", "scipy.linalg"),
-        ("export/ros_node.py", "name"),  # each of `OPTIONAL`
-        ("validation.py", "package"),  # `extra_package`: its argument
+        ("validation.py", "package"),  # `optional_package`: its argument
     }
     assert found == LOADED_BY_NAME | libraries
 
@@ -319,7 +318,7 @@ TERMS = {
     "hold_inputs",
     "rests", "_RestToRest",  # a robot at rest, and a motion from rest to rest
     "DISTURBED", "disturbed",  # a plant and a loop with their disturbance
-    "FileNotFoundError", "is_running",  # of Python and of MuJoCo's viewer
+    "FileNotFoundError", "ModuleNotFoundError", "PackageNotFoundError", "is_running",  # of Python, MuJoCo's viewer
 }  # fmt: skip
 
 

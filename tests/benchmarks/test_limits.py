@@ -292,7 +292,7 @@ def test_a_design_is_made_once_and_then_by_the_command_that_it_names(
         out.mkdir()
         (out / "design.json").write_text(json.dumps({"met": len(calls) > 1}), encoding="utf-8")
         text = "next: flexhinf design paper --x 1 --out paper.1  # meets every requirement\n"
-        return type("Run", (), {"stdout": text})
+        return type("Run", (), {"stdout": text, "returncode": 0})
 
     monkeypatch.setattr(the_arms.subprocess, "run", run)
     assert len(list(designed(tmp_path, "paper", None))) == 2

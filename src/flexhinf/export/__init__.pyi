@@ -25,6 +25,7 @@ from .realtime import (
 from .refusals import (
     check_limits as check_limits,
     check_room as check_room,
+    limiting as limiting,
     narrowed as narrowed,
     refuse_unlimited as refuse_unlimited,
 )

@@ -16,7 +16,6 @@ import os
 import platform
 import re
 import shutil
-import subprocess
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,10 +27,18 @@ from numpy.typing import ArrayLike
 from flexhinf import __version__
 from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
+from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
 from flexhinf.loop.controller.memory import Told
 from flexhinf.loop.controller.stop import Stop
-from flexhinf.validation import checked_path, one_of, read_bytes, real_array, value_text
+from flexhinf.validation import (
+    checked_path,
+    one_of,
+    optional_package,
+    read_bytes,
+    real_array,
+    value_text,
+)
 
 if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
@@ -108,10 +115,8 @@ def compile_controller(
     )
     shared = {**code.values, "digest": code.digest}
     sources = rendered([*SOURCES, entry], code, code.name, code.real, **shared)
-    try:
-        image = shared_library(sources, ("-O3", *flags))
-    except InvalidInput:  # some compilers have no such names
-        image = shared_library(sources, ("-O3",))
+    known = flags if accepts(required_compiler(), flags) else ()
+    image = shared_library(sources, ("-O3", *known))
     write_file(target, "library", lambda part: Path(part).write_bytes(image))
     return target
 
@@ -125,19 +130,20 @@ def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -
 def cortex_m4_bytes(code: ControllerCode) -> int | None:
     """Bytes of code and constants on a Cortex-M4F, C library included; None without arm-none-eabi-gcc.
 
-    The same number as by `make cortex-m4` in an exported folder.
+    The same number as by `make cortex-m4` in an exported folder. Raises InvalidInput: that compiler fails.
     """
     compiler, size = shutil.which("arm-none-eabi-gcc"), shutil.which("arm-none-eabi-size")
     if compiler is None or size is None:
         return None
     core = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
     used = (f"-Wl,--entry={code.name}_step", f"-Wl,--undefined={code.name}_init", "-Wl,--gc-sections")
+    what = "The code cannot be counted for a Cortex-M4F."
+    advice = "newlib beside the compiler (apt install libnewlib-arm-none-eabi); or no --flash"
     with TemporaryDirectory() as work:
         _write(code.files, Path(work))
         flags = ("-std=c99", "-O2", *core, f"{code.name}.c", "-nostartfiles", *used, "-lm", "-o", "alone")
-        if subprocess.run([compiler, *flags], cwd=work, capture_output=True, check=False).returncode:
-            return None
-        table = subprocess.run([size, "alone"], cwd=work, capture_output=True, text=True, check=True).stdout
+        run([compiler, *flags], Path(work), what, advice)
+        table = run([size, "alone"], Path(work), what, advice)
     text, data = table.splitlines()[1].split()[:2]
     return int(text) + int(data)
 
@@ -148,23 +154,11 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     A level of optimisation among the flags is at most `flexhinf.codegen.compiler.highest_optimisation`. Raises
     InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
-    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
-    if compiler is None:
-        raise InvalidInput(
-            "There is no C compiler.",
-            "expected the one that CC names, cc, gcc or clang, found none",
-            "install one; or `flexhinf export c`, which needs none",
-        )
+    compiler = required_compiler()
     _write(sources, folder)
     files = [file for file in sources if file.endswith(".c")]
-    command = [compiler, "-std=c99", *map(limited, flags), *files, "-lm", "-o", "built"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    refuse_if(
-        done.returncode,
-        "The C compiler does not compile the controller.",
-        f"{' '.join(command)}: {done.stderr.strip()[:400]}",
-        "another compiler in CC",
-    )
+    command = [*compiler, "-std=c99", *map(limited, flags), *files, "-lm", "-o", "built"]
+    run(command, folder, "The C compiler does not compile the controller.", "another compiler in CC")
     return folder / "built"
 
 
@@ -269,7 +263,15 @@ class CompiledController:
             if not mark:
                 raise ValueError("no library of this version")
             about = json.loads(text)
-            missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
+            here = instructions()
+            refuse_if(
+                needed.split() and here is None,
+                "The library may be for another processor.",
+                f"expected one that has {needed.strip()}, for which {self.path.name} was compiled; neither the system "
+                "nor LLVM tells what this one has",
+                "flexhinf compile DESIGN --processor any",
+            )
+            missing = sorted(set(needed.split()) - (here or set()))
             refuse_if(
                 missing,
                 "The library is for another processor.",
@@ -548,20 +550,26 @@ X86 = ("x86_64", "AMD64")
 
 
 @cache
-def instructions() -> frozenset[str]:
-    """Instruction sets of this processor that the system permits, by LLVM's names without points."""
+def instructions() -> frozenset[str] | None:
+    """Instruction sets of this processor that the system permits, by LLVM's names without points; None where neither
+    the system nor LLVM tells them."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:  # no Linux: LLVM knows, where it is installed
-        try:
-            from llvmlite.binding import get_host_cpu_features
-
-            features = get_host_cpu_features()
-        except (ImportError, OSError, RuntimeError):
-            return frozenset()
-        return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
+    except OSError:  # no Linux, or none that shows it: LLVM knows, where it is installed
+        return _by_llvm()
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
     return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in line.partition(":")[2].split())
+
+
+def _by_llvm() -> frozenset[str] | None:
+    llvm = optional_package("llvmlite.binding")
+    try:
+        features = {} if llvm is None else llvm.get_host_cpu_features()
+    except RuntimeError:  # LLVM does not know them on this system
+        features = {}
+    if not features:
+        return None
+    return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:
@@ -580,5 +588,5 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
     pc = platform.machine() in X86
     if processor == "native":
         return ("-march=native" if pc else "-mcpu=native",)
-    fused = processor == "portable" and pc and instructions() >= PORTABLE
+    fused = processor == "portable" and pc and (instructions() or frozenset()) >= PORTABLE
     return (*(["-march=x86-64"] if pc else []), *(f"-m{name}" for name in sorted(PORTABLE) if fused))

@@ -55,6 +55,7 @@ from flexhinf.export.names import (
 )
 from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.export.places import Places
+from flexhinf.export.rendering import names_in
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
@@ -91,52 +92,6 @@ INTEGERS, INTEGER_BYTES = 8, 4
 
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
-
-#: Names of functions, types and numbers of every controller, behind its own.
-OWN = frozenset(
-    {
-        "begin",
-        "at_rest",
-        "believed",
-        "check",
-        "counted",
-        "defaults",
-        "digest",
-        "exact",
-        "fused",
-        "hold",
-        "init",
-        "initial_memory",
-        "initial_stop",
-        "input",
-        "larger",
-        "limit",
-        "look",
-        "may_act",
-        "number",
-        "output",
-        "param",
-        "possible_input",
-        "predict",
-        "ranges",
-        "real",
-        "reasons",
-        "rest",
-        "same",
-        "sample",
-        "slipped",
-        "slowed",
-        "smaller",
-        "some",
-        "start",
-        "start_faults",
-        "state",
-        "step",
-        "type_of_constants",
-        "version",
-        "went_back",
-    }
-)
 
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
 AT_MOTOR = {
@@ -239,7 +194,7 @@ class ControllerCode:
             self.name,
             Real(self.real.name, "real"),
             self.lanes,
-            OWN,
+            names_in("controller.c", self.name),
             self.places.elements(),
             self.places.long_parts(),
             self.places.constants_of_sizes(),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.codegen.c import KEYWORDS, Real, comment, constant
+from flexhinf.codegen.naming import distinct
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.law_code import LawCode
@@ -79,21 +80,10 @@ def identifier_of(text: str) -> str:
     return name
 
 
-def distinct_names(names: Sequence[str]) -> list[str]:
-    """The names, with the place behind one that an earlier one has."""
-    chosen: list[str] = []
-    for k, name in enumerate(names):
-        one = name
-        while one in chosen:
-            one = f"{one}_{k}"
-        chosen.append(one)
-    return chosen
-
-
 def constants(prefix: str, names: Sequence[str]) -> list[str]:
     """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
     plain = (re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_") for name in names)
-    return distinct_names([f"{prefix}_{text or k}" for k, text in enumerate(plain)])
+    return distinct(f"{prefix}_{text or k}" for k, text in enumerate(plain))
 
 
 #: What the numbers of a controller are.

@@ -317,7 +317,7 @@ def _readme(export: Export) -> Mapping[str, object]:
         "memory of one controller": Markup(
             f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)"
         ),
-        "stack of a step": Markup(stack_text(code.files, code.name, code.real.name)),
+        "stack of a step": stack_text(code.files, code.name, code.real.name),
         "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": Markup(
             f"about {code.operations}; `make cortex-m4-contract` counts the most instructions"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.codegen import BufferPart
+from flexhinf.codegen.naming import Names
 from flexhinf.export.names import (
     MEMORY,
     ROWS,
@@ -131,13 +132,14 @@ class Places:
     def parameters(self) -> list[Row]:
         """Parameters of the estimator's model with their units, which are a part of the numbers."""
         taken = {name for name, *_ in self.numbers()}
+        names = Names(taken)
         named = list(named_parameters(self.controller, parameter_units(self.controller, self.robot)))
         texts = constants(f"{self.prefix}_P", [name for name, *_ in named])
         first = self.controller.data.places["parameters"].start if named else 0
         unread = unread_parameters(self.controller)
         return [
             (
-                f"{text}_OF_MODEL" if text in taken else text,
+                names.allot(f"{text}_OF_MODEL" if text in taken else text),
                 first + k,
                 (unit or "no unit stated") + "; the model leaves it out" * (k in unread),
             )
