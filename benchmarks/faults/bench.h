@@ -61,6 +61,7 @@ typedef struct {
     double wrong;                   /* from the fault to the notice: wrong motion, see verdict.py */
     double wrong_at_notice, hundred; /* hundred: s until it was 0.1 rad; below 0: never */
     double furthest, ideal, step;   /* behind the notice; of the ideal stop; what joints move in a sample then */
+    double held;                    /* of an ideal stop in which drives brake where no brake does */
     double beyond, speed;           /* largest distance from the command; speed over the limit */
     double fell;                    /* behind the notice and without power, where no brake holds the arm */
     double end, moving;             /* at the end: distance from the command, largest speed lately */

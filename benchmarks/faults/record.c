@@ -7,7 +7,7 @@
 /* Behind a notice the arm is watched for so long, s, and an ideal stop too. */
 static const double WATCHED = 1.0;
 /* Below these nothing moves, rad/s (m/s). */
-static const double STILL = 0.02;
+static const double STILL = 0.05;
 /* Time, s, in which the largest speed is forgotten by a factor of 2.7: swings are seen, and the past is not. */
 static const double FORGOTTEN = 0.1;
 /* Where no arm is any more, rad. */
@@ -50,14 +50,14 @@ void record_begin(bench *b)
     b->found.fault = moment_of(b);
 }
 
-/* How far the arm goes where its drives are off and its brakes closed at this very instant. Without brakes the drives
- * brake: as a brake that holds what they can give; not one with a fault of its own. */
-static double ideal_stop(const bench *b)
+/* How far the arm goes where its drives are off and its brakes closed at this very instant. Without brakes it
+ * falls; or healthy drives brake, as a brake that holds what they can give. */
+static double ideal_stop(const bench *b, int drives_brake)
 {
     plant twin = b->arm;
     double none[MOST] = {0.0}, most = 0.0;
     for (int i = 0; i < twin.model.n; ++i) {
-        const int healthy = twin.powered[i] && twin.forced[i] == 0 && twin.gain[i] == 1.0 && !twin.shorted[i];
+        const int healthy = drives_brake && twin.powered[i] && twin.forced[i] == 0 && twin.gain[i] == 1.0 && !twin.shorted[i];
         if (twin.model.is.brake[i] < 0.0) {
             twin.model.is.brake[i] = healthy ? twin.weakened[i] * twin.model.is.largest[i] : 0.0;
         }
@@ -105,7 +105,8 @@ static void notice(bench *b, int code)
     r->category = b->said.category;
     r->wrong_at_notice = r->wrong;
     for (int i = 0; i < NOMINAL.n; ++i) { r->step = fmax(r->step, fabs(b->arm.v[i]) * sample); }
-    r->ideal = ideal_stop(b);
+    r->ideal = ideal_stop(b, 0);
+    r->held = ideal_stop(b, 1);
 }
 
 /* How far the arm goes behind a notice; where no brake holds it and it rested when its drives went off, it falls from
@@ -169,10 +170,10 @@ void record_print(const bench *b)
     const record *r = &b->found;
     printf("{\"seed\": %llu, \"noticed\": %d, \"early\": %d, \"when\": %.6g, \"code\": %d, \"status\": %d, \"stop\": %u, "
            "\"category\": %d, \"wrong\": %.4g, \"wrong_at_notice\": %.4g, \"hundred\": %.6g, \"furthest\": %.4g, "
-           "\"fell\": %.4g, \"ideal\": %.4g, \"step\": %.3g, \"beyond\": %.4g, \"speed\": %.4g, \"end\": %.4g, \"moving\": %.3g, \"rest\": %d, "
+           "\"fell\": %.4g, \"ideal\": %.4g, \"held\": %.4g, \"step\": %.3g, \"beyond\": %.4g, \"speed\": %.4g, \"end\": %.4g, \"moving\": %.3g, \"rest\": %d, "
            "\"power\": %d, \"path\": %.3g, \"contact\": %.4g, \"lost\": %d, \"moves\": %d, \"first_code\": %d, \"first\": [",
            b->asked.seed, r->noticed, r->early, r->when, r->code, r->status, r->stop, r->category, r->wrong,
-           r->wrong_at_notice, r->hundred, r->furthest, r->fell, r->ideal, r->step, r->beyond, r->speed, r->end, r->moving, r->rest,
+           r->wrong_at_notice, r->hundred, r->furthest, r->fell, r->ideal, r->held, r->step, r->beyond, r->speed, r->end, r->moving, r->rest,
            b->acts, (double)b->output.path_rate, b->arm.contact, r->lost, r->moves, r->first_code);
     for (int i = 0; i < FIRSTS; ++i) { printf("%s%.5g", i > 0 ? ", " : "", r->first[i]); }
     printf("], \"at\": %.6g}\n", b->asked.at);

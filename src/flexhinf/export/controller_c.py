@@ -60,8 +60,10 @@ from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
 from flexhinf.loop.controller.protection import LOOK, STOPS
-from flexhinf.loop.controller.readings import believed_readings
+from flexhinf.loop.controller.readings import Readings, believed_readings
+from flexhinf.loop.controller.signs import PAUSES as TOO_MANY
 from flexhinf.loop.controller.signs import SIGNS
+from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.status import WATCHED, possible_status
 from flexhinf.loop.controller.stop import (
     FAILED,
@@ -349,10 +351,21 @@ class ControllerCode:
             "standstill": standstill,
             "plausible": plausible,
             "pause": PAUSES,
+            "pauses": TOO_MANY,
+            **self._pausing,
             "pairs": len(self.controller.mode.protected.pairs) if self.controller.mode.protected else 0,
             "flags": [self.upper(str(bit.name)) for bit in self.flags],
             "functions": Markup(self.translator),
         }
+
+    @property
+    def _pausing(self) -> dict[str, object]:
+        """What a long pause of the loop changes, of a controller with a protection."""
+        protection = self.controller.protection
+        if protection is None:
+            return {}
+        pausing = protection.pausing(self.controller.period)
+        return {"pausing": pausing._replace(free=-pausing.free)}
 
     @property
     def _plausible(self) -> str:
@@ -436,14 +449,17 @@ class ControllerCode:
         ends = np.cumsum(sizes).tolist()
 
         def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
-            flags, u, hold, speeds, category, data = others
+            flags, u, hold, readings, category, data = others
+            table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
             limits = c.data.named(data)
             parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
             now = numbers._replace(lower=limits.lower, upper=limits.upper)
-            acts, after = decided(drive, parts, flags, u, hold, speeds, category[0], now)
+            acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
             return acts, np.concatenate(after)
 
-        traced = trace(decide, ends[-1], len(Stop), m, m, m, 1, self.sizes["data"], name="decided")
+        readings = c.memory.places.get("readings", slice(0, 1))
+        count = readings.stop - readings.start
+        traced = trace(decide, ends[-1], len(Stop), m, m, count, 1, self.sizes["data"], name="decided")
         _, stop_on, category = self.whole_numbers
         return {
             "stop_size": ends[-1],
@@ -456,7 +472,6 @@ class ControllerCode:
                 " || ".join(f"code == {self.upper(name)}" for name in FAILED if name in self.codes)
             ),
             "signs": len(SIGNS) if c.protection else 0,
-            "moved": [None] * m if c.mode.protected is None else c.mode.protected.moved,
             "decided": self.translator.function(traced),
         }
 

@@ -173,6 +173,7 @@ MEMORY = {
     "opposed": "of each input: how long it has been at its limit against the motion",
     "swung": "of each input: what is counted of large and growing swings",
     "misplaced": "1 where the robot was not where the controller began",
+    "pauses": "long pauses of the loop, of which a part is forgotten in each sample",
     "told": "samples so far, the first one at which a sign would stop the robot, and which",
     "pace": "of encoders of motors: how fast they were when they changed last",
 }
@@ -218,7 +219,7 @@ ROWS = {
     "motion": {
         "position": "observed position",
         "speed": "observed speed",
-        "known": "whether these are known: 1 or 0",
+        "known": "whether these are known: 1 or 0; below 0, for so many samples not",
         "contradicted": "samples for which a contradiction lasts",
     },
     "away": {

@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.export.plausible import IN_PYTHON, NOISE, TWICE, measurement_limits
 from flexhinf.loop import Controller
-from flexhinf.loop.controller.protection import LOOK, OBSERVED, WINDOW, Protection
+from flexhinf.loop.controller.protection import LOOK, WINDOW, Protection, observer_of
 from flexhinf.robot.elastic import INNER, stated_curve
 from flexhinf.robot.parameters import per_joint
 
@@ -62,8 +62,9 @@ ACCELERATION = 50.0
 #: Share of an input's range that a swing has which counts always; times the smallest one where it has no range.
 LARGE, TIMES = 0.5, 5.0
 
-#: Share of the largest stable damping by which a controlled stop slows a motor down.
-SLOWING = 0.25
+#: Change of a motor's speed in the delay of a controlled stop's damping, relative to it; samples over which speeds are
+#: smoothed; and the share of half of an input's range that noise may use.
+SLOWING, SMOOTHED, HEARD = 0.5, (1, 2, 3, 5, 8, 12, 20), 0.08
 
 
 def protected(
@@ -135,7 +136,10 @@ class _Protected:
             distance=self.ways[0].tolist(),
             travel=self.ways[1].tolist(),
             swing=self.swings.tolist(),
-            damping=self.damping.tolist(),
+            damping=self.braking[0].tolist(),
+            response=np.where(self.elastic, np.abs(self.rates[0]), 1.0 / self.link_inertia).tolist(),
+            winding=self.winding.tolist(),
+            smoothing=self.braking[1].tolist(),
             brakes=list(self.robot.brakes),
             drive=self.robot.drive if self.robot.drive in INNER else "torque",
             moved=[self.seen_of(j) for j in range(self.n)],
@@ -178,6 +182,11 @@ class _Protected:
         """That of a signal; 0 of one that is not measured."""
         measured = self.controller.measured
         return float(self.noise[measured.index(name)]) if name in measured else 0.0
+
+    def step_of(self, name: str) -> float:
+        """The step of a signal's values; 0 where none is known."""
+        measured = self.controller.measured
+        return float(self.steps[measured.index(name)]) if name in measured else 0.0
 
     @cached_property
     def links(self) -> list[str]:
@@ -370,7 +379,8 @@ class _Protected:
         """Accelerations that are left out of the rates (n,)."""
         names = self.signals("link_position"), self.signals("motor_position")
         noise = np.array([[self.noise_of(name) for name in row] for row in names])
-        heard = np.abs(self.rates[2]) * np.hypot(*noise) + noise[1] / OBSERVED**2
+        scale = np.array([observer_of(self.controller.period, -rate)[5] for rate in self.rates[3]])
+        heard = np.abs(self.rates[2]) * np.hypot(*noise) + scale * noise[1]
         gap = np.asarray(self.robot.plant_parameters().get("backlash", 0.0), dtype=float)
         inertia = np.where(self.elastic, self.motor_inertia, np.inf)
         return self.dry / inertia + np.abs(self.rates[2]) * (OFFSET + gap) + NOISE * heard
@@ -469,13 +479,31 @@ class _Protected:
         large = np.where(np.isfinite(span), LARGE * span, TIMES * small)
         return np.array([np.where(np.isfinite(small), small, large), np.maximum(large, TIMES * small)])
 
-    @property
-    def damping(self) -> Vector:
-        """Input per speed of a motor by which a controlled stop slows it down (m,); 0 of drives that take motions."""
+    @cached_property
+    def winding(self) -> Matrix:
+        """Accelerations of motors and links per twist of their springs (2, m); 0 and 1 of a rigid joint, whose motor is
+        its link."""
+        motor = np.where(self.elastic, -self.rates[2], 0.0)
+        return np.array([motor, np.where(self.elastic, motor * self.motor_inertia / self.link_inertia, 1.0)])
 
+    @cached_property
+    def braking(self) -> tuple[Vector, Vector]:
+        """Input per speed of what it moves by which a controlled stop slows it down, 0 of drives that take motions, and
+        the time constant of that speed, s, (m,) each: of some time constants the one that allows most, where the delay
+        leaves a motor that nothing else damps a phase margin of 60 degrees, and noise moves the input by `HEARD` of
+        its range at most."""
+        c, none = self.controller, np.zeros(self.n)
         if self.robot.drive in INNER:
-            return np.zeros(self.n)
-        delay = self.controller.period * (1.0 + self.controller.mode.latency) + WINDOW
-        inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
-        gain = np.where(self.elastic, np.abs(self.rates[0]) * inertia, 1.0)
-        return SLOWING * inertia / (gain * delay)
+            return none, np.full(self.n, WINDOW)
+        moved = np.where(self.elastic, self.motor_inertia, self.link_inertia)
+        gain = np.where(self.elastic, np.abs(self.rates[0]) * moved, 1.0)
+        noise = np.array([self.noise_of(self.seen_of(j)) + self.step_of(self.seen_of(j)) / 3.0 for j in range(self.n)])
+        room = HEARD * 0.5 * (np.array(c.limits.upper) - np.array(c.limits.lower))
+        found, best = np.full(self.n, WINDOW), none
+        for samples in SMOOTHED:
+            smooth = samples * c.period
+            stable = SLOWING * moved / (gain * (c.period * (1.0 + c.mode.latency) + smooth))
+            heard = noise / (samples * c.period) * np.sqrt(2.0 / (2.0 - 1.0 / samples))
+            most = np.minimum(stable, room / np.maximum(heard, np.finfo(float).tiny))
+            found, best = np.where(most > best, smooth, found), np.maximum(best, most)
+        return best, found

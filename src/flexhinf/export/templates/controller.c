@@ -104,7 +104,14 @@ static void @{name}_look(@{name}_state *state, const @{name}_input *input, real 
     }
 {% if "motion" in places %}
     for (int i = 0; i < @{pairs} && periods > @{number(pause[1])}; ++i) {
-        state->memory[@{NAME}_AT_MOTION_KNOWN + i] = @{zero};
+        state->memory[@{NAME}_AT_MOTION_KNOWN + i] = @{number(-pausing.settles)};
+    }
+{% endif %}
+{% if signs %}
+    if (periods > @{number(pause[1])} && isfinite(periods) != 0) {
+        const real free[@{pausing.free | length}] = {@{row(pausing.free)}};
+        @{name}_copy(free, state->memory + @{NAME}_AT_AWAY_WAY, @{pausing.free | length});
+        state->memory[@{NAME}_AT_PAUSES] += (periods > @{number(pausing.longest)}) ? @{unity} : @{zero};
     }
 {% endif %}
 }
@@ -527,7 +534,7 @@ static void @{name}_reasons(const @{name}_state *state, const @{name}_param *par
     for (int i = 0; i < @{reasons | length}; ++i) {
         reasons[i] = @{zero};
     }
-    reasons[0] = (code == @{NAME}_BAD_PERIOD) ? @{unity} : @{zero};
+    reasons[0] = (code == @{NAME}_BAD_PERIOD{% if signs %} || state->memory[@{NAME}_AT_PAUSES] > @{number(pauses)}{% endif %}) ? @{unity} : @{zero};
     reasons[1] = (@{fails}) ? @{unity} : @{zero};
     if (code != @{NAME}_WAITING) {
         reasons[3] = (lost > 0) ? @{unity} : @{zero};
@@ -546,7 +553,7 @@ static void @{name}_reasons(const @{name}_state *state, const @{name}_param *par
 
 int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output)
 {
-    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], speeds[@{NAME}_INPUTS], next[@{stop_size}];
+    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], next[@{stop_size}];
     const real category = (real)param->category;
     int power = 0;
     int bit = 1;
@@ -554,9 +561,6 @@ int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, 
     if (state->mark != INITIALISED) {
         output->stop = @{NAME}_STOP_STEP_FAILED;
         return 0;
-    }
-    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
-        speeds[i] = @{zero};
     }
     @{name}_reasons(state, param, code, reasons);
     @{name}_copy(state->stop + @{stop_last}, hold, @{NAME}_INPUTS);
@@ -570,14 +574,7 @@ int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, 
     }
 #endif
 {% endif %}
-{% for place in moved %}
-{% if place is not none %}
-    if (state->memory[@{NAME}_AT_READINGS_SINCE + @{place}] <= @{unity}) { /* it is believed */
-        speeds[@{loop.index0}] = state->memory[@{NAME}_AT_READINGS_SPEED + @{place}] / @{NAME}_PERIOD;
-    }
-{% endif %}
-{% endfor %}
-    @{decided}(state->stop, reasons, output->u, hold, speeds, &category, param->value, output->u, next);
+    @{decided}(state->stop, reasons, output->u, hold, state->memory@{" + " + NAME + "_AT_READINGS_LAST" if signs else ""}, &category, param->value, output->u, next);
     @{name}_copy(next, state->stop, @{stop_size});
     for (int i = 0; i < @{reasons | length}; ++i) {
         output->stop += (state->stop[i] > @{zero}) ? bit : 0;

@@ -52,13 +52,14 @@ from flexhinf.loop.controller.options import (
     controller_facts,
     dead_zone,
 )
-from flexhinf.loop.controller.protection import Protection
+from flexhinf.loop.controller.protection import Pausing, Protection
 from flexhinf.loop.controller.readings import Readings, believable, first_readings
 from flexhinf.loop.controller.signs import first_signs
 from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import STEPS, StepMode, controller_step
-from flexhinf.loop.controller.stop import Stop, decided, first_stop, reasons, stop_numbers, stop_speeds
+from flexhinf.loop.controller.slowing import voters_of
+from flexhinf.loop.controller.stop import Stop, decided, first_stop, reasons, stop_numbers
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.plant.plant import equilibrium_at
@@ -227,6 +228,7 @@ class Controller(Summarised):
         self.judged = self.tracked
         if moving and not self.tracked:
             self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
+        self._pausing = Pausing() if self.protection is None else self.protection.pausing(self.period)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
         sensors, angles = ((), ()) if estimator is None else (self.measured, estimator.plant.angles)
@@ -494,7 +496,7 @@ class Controller(Summarised):
                     y = np.where(np.asarray(fresh) < 0, np.nan, np.ravel(real_array(y)))
                 measured = fill_measurement(y)
                 if self.mode.checks_measurements:
-                    history.look(self.memory.places, fresh, elapsed / self.period)
+                    history.look(self.memory.places, fresh, elapsed / self.period, self._pausing)
                 if history.waiting and measured and self.measurement_limits is not None:
                     measured = bool(believable(np.ravel(real_array(y)), *self.measurement_limits[:2]).any())
                 if history.waiting and not measured:
@@ -573,7 +575,8 @@ class Controller(Summarised):
         hold = self._holding(kept.last) if flags.any() and not kept.reasons.any() else kept.last
         category = 0.0 if protection is None else protection.category
         u = history.memory[self.memory.places["u"]]
-        _, history.stop = decided(drive, kept, flags, u, hold, stop_speeds(self, history), category, numbers)
+        readings = None if protection is None else self.memory.named(history.memory).readings
+        _, history.stop = decided(drive, kept, flags, u, hold, readings, voters_of(self), category, numbers)
         return bool(history.stop.power[0] > 0.0)
 
     @property

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from flexhinf.codegen import Buffer, BufferPart, Copy, Guard, Program, Slice
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod
+from flexhinf.loop.controller.protection import Pausing
 from flexhinf.loop.controller.readings import Readings
 from flexhinf.loop.controller.stop import StopState
 from flexhinf.validation import real_array, value_text
@@ -258,20 +259,22 @@ class StateHistory:
             self.code = "BAD_PERIOD"
             raise WrongPeriod(elapsed, period, self.slip)
 
-    def look(self, places: Mapping[str, slice], fresh: ArrayLike | None, periods: float) -> None:
+    def look(self, places: Mapping[str, slice], fresh: ArrayLike | None, periods: float, protected: Pausing) -> None:
         """Note what the caller says of the readings: which were measured since the last step (p,), 1, or 0 where that
         is not known, and after how many periods they come. After a pause they may have moved further; after a long one
-        the robot may be elsewhere, and offsets are taken anew. It is the rule of the exported C."""
+        the robot may be elsewhere, offsets are taken anew, and signs wait for the readings to settle. It is the rule of the exported C."""
         readings = self.memory[places["readings"]].reshape(len(Readings._fields), -1)
         now = Readings(*readings)
         now.fresh[:] = 0.0 if fresh is None else np.maximum(fresh, 0.0)
         if not PAUSES[0] < periods < math.inf:
             return
         now.since[now.since > 0.0] += periods - 1.0
-        if periods > PAUSES[1]:
-            self.memory[places.get("offset_known", NOWHERE)] = 0.0
-            motion = self.memory[places.get("motion", NOWHERE)].reshape(4, -1)
-            motion[2] = 0.0
+        if periods <= PAUSES[1]:
+            return
+        self.memory[places.get("offset_known", NOWHERE)] = 0.0
+        self.memory[places.get("motion", NOWHERE)].reshape(4, -1)[2] = -protected.settles
+        self.memory[places.get("away", NOWHERE)].reshape(3, -1)[1] = -protected.free
+        self.memory[places.get("pauses", NOWHERE)] += float(periods > protected.longest)
 
     def good(self, measured: bool) -> None:
         """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is

@@ -6,8 +6,10 @@ robot's file.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +25,9 @@ OBSERVED, QUICKEST = 1.0 / 80.0, 0.25
 
 #: Time for which readings must rest before a start, s.
 LOOK = 0.05
+
+#: How many times the longest way of its own a joint may go after a pause of the loop, beside that.
+FREE = 2.0
 
 #: Time over which the speed of a reading is averaged at least, s.
 WINDOW = 0.01
@@ -46,6 +51,15 @@ SIGN_BITS = tuple(1 << list(STOPS).index(name) for name in ("bad_start", *SIGNS)
 
 #: What inputs may be for a controlled stop.
 DRIVES = ("torque", "velocity", "position")
+
+
+class Pausing(NamedTuple):
+    """What a long pause of the loop changes: for how many samples motors are not observed, the ways that joints have
+    free (k,), and how many periods are a long pause."""
+
+    settles: float = 0.0
+    free: Any = 0.0
+    longest: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -90,6 +104,12 @@ class Protection(Listed):
         Smallest swing of an input that counts where it grows, and the one that counts always.
     damping : (m,)
         Input per speed of what it moves, by which a controlled stop slows it down.
+    response : (m,)
+        Acceleration of a motor per input, without its spring, in units of the joint.
+    winding : (2, m)
+        Accelerations of a motor and of its link per twist of their spring, 1/s².
+    smoothing : (m,)
+        Time constant of the speeds that a controlled stop slows down, s.
     brakes : (m,) bool
         Whether what an input moves has a brake that closes without power. Where all have, a stop is of category 0 of
         IEC 60204-1 [iec60204], else of category 1.
@@ -119,6 +139,9 @@ class Protection(Listed):
     travel: Sequence[float]
     swing: Sequence[Sequence[float]]
     damping: Sequence[float]
+    response: Sequence[float]
+    winding: Sequence[Sequence[float]]
+    smoothing: Sequence[float]
     brakes: Sequence[bool]
     motors: Sequence[str] = ()
     twists: Sequence[str] = ()
@@ -144,7 +167,7 @@ class Protection(Listed):
         g, p, k, m, a = sizes
         shapes = {
             "speed": (p,), "window": (p,), "step": (p,), "distance": (k,), "travel": (k,), "swing": (2, m),
-            "damping": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links),
+            "damping": (m,), "response": (m,), "winding": (2, m), "smoothing": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links),
             g), "compliance": (g,), "rates": (5, g), "floor": (g,), "hardest": (a,),
             "misplaced": (p,), "moved_at_start": (p,), "twist_at_start": (g,),
         }  # fmt: skip
@@ -153,7 +176,7 @@ class Protection(Listed):
         if not g:
             arrays |= {"shares": np.zeros((len(self.links), 0)), "rates": np.zeros((5, 0))}
         apart = [name for name, shape in shapes.items() if arrays[name].shape != shape]
-        positive = ("speed", "window", "step", "distance", "travel", "swing", "hardest", "misplaced")
+        positive = ("speed", "window", "step", "distance", "travel", "swing", "smoothing", "hardest", "misplaced")
         apart += [name for name in positive if not apart and not np.all(arrays[name] > 0.0)]
         refuse_if(
             bool(apart),
@@ -208,11 +231,16 @@ class Protection(Listed):
         """Category of a protective stop: 0 where every joint has a brake, else 1."""
         return 0 if all(self.brakes) else 1
 
+    def pausing(self, period: float) -> Pausing:
+        """What a long pause of the loop changes."""
+        free = FREE * np.array(self.travel, dtype=float)
+        return Pausing(float(np.ceil(LOOK / period)), free, self.longest_unseen)
+
     def data(self, period: float) -> dict[str, np.ndarray]:
         """Numbers of the step."""
         rates = np.array(self.rates, dtype=float).reshape(5, -1)
         shares = np.array(self.shares, dtype=float).reshape(len(self.links), rates.shape[1])
-        observers = [_observer(period, -rate) for rate in rates[3].tolist()]
+        observers = [observer_of(period, -rate) for rate in rates[3].tolist()]
         observer = np.reshape(observers, (-1, 6)).T
         return {
             "fastest": np.array(self.speed),
@@ -245,14 +273,16 @@ def windows_and_steps(period: float, window: ArrayLike, step: ArrayLike) -> dict
     }
 
 
-def _observer(period: float, damping: float) -> tuple[float, ...]:
+def observer_of(period: float, damping: float) -> tuple[float, ...]:
     """The first six numbers of an `Observer` of a motor that slows down by `damping`, 1/s: both eigenvalues of the
-    error are those of `OBSERVED`, or of two thirds of the damping where that is faster."""
+    error are those of `OBSERVED`, or of one that is fast enough to correct the position by as large a share as that forgets in
+    a sample."""
     damping = max(damping, 1e-6 / period)
     left = float(np.exp(-damping * period))
     way = (1.0 - left) / damping
     pushed = (period - way) / damping
-    pole = float(np.exp(-min(max(1.0 / OBSERVED, damping / 1.5) * period, QUICKEST)))
+    own = min(period / OBSERVED, QUICKEST)
+    pole = min(float(np.exp(-own)), float(np.sqrt(left * (1.0 - own))))
     first = 1.0 - pole * pole / left
     second = (1.0 - first + left - 2.0 * pole) / way
     kept = np.array([[1.0 - first, 0.0], [-second, 1.0]])

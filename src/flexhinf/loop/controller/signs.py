@@ -44,6 +44,9 @@ LASTING = {"inconsistent": 0.005, "away": 0.005, "opposed": 0.02, "stuck": 0.01}
 #: grows, and the longest time of one, s.
 SWINGS, GROWS, LONGEST = 6.0, 1.2, 0.25
 
+#: Long pauses of the loop that are one too many, and the time in which one is forgotten, s.
+PAUSES, PAUSED = 1.25, 1.0
+
 #: Part of the distance at which an own way begins to count that it may grow in a sample: a jump is none.
 SMALL = 0.25
 
@@ -109,8 +112,8 @@ def inconsistent(
     spreads: Elements,
     numbers: Elements,
 ) -> tuple[Elements, Elements]:
-    """Observed motors (4, g), their positions, speeds, whether these are known, and for how many samples a
-    contradiction lasts; and whether there is one (1,).
+    """Observed motors (4, g), their positions, speeds, whether these are known (below 0: not for so many samples), and for
+    how many samples a contradiction lasts; and whether there is one (1,).
 
     y (p,) is what is believed, u (m,) the input that acted since the last sample. `rates` (5, g) are accelerations of a
     motor per input, per position, per twist of its spring, per its speed and per that of the twist; `spreads` (G, 5, g)
@@ -128,7 +131,7 @@ def inconsistent(
         rate = rates[:, j]
         driven = rate[0] * parts[0] + rate[1] * parts[1] + rate[2] * parts[2] + rate[4] * parts[4]
         ahead = at + own.way[j] * speed + own.pushed[j] * driven
-        goes_on = is_known * seen
+        goes_on = where(is_known > 0.5, seen, 0.0)
         lacking = where(goes_on > 0.5, theta - ahead, 0.0)
         rows = [(terms, row) for terms, row in zip(pair.terms, spreads) if terms]
         allowed = sum(absolute(sum(row[term, j] * parts[term] for term in terms)) for terms, row in rows)
@@ -138,7 +141,7 @@ def inconsistent(
         columns.append([
             where(goes_on > 0.5, ahead + own.first[j] * lacking, theta),
             where(goes_on > 0.5, turning, where(seen > 0.5, speeds[pair.motor], speed)),
-            seen,
+            where(is_known < -0.5, is_known + 1.0, seen),
             count,
         ])  # fmt: skip
         flags.append(where(count * period[0] > LASTING["inconsistent"], 1.0, 0.0))
@@ -176,7 +179,7 @@ def running_away(
 
     `position` (k,) is where the joints are; their commands for this instant stand in `command`, at these places;
     `limits` (2, k) are `distance` and `travel`. How a governor holds them (4, k) says what drives them beyond the
-    model.
+    model. A way below 0 is one that a joint has free.
     """
     columns, flags = list[list[Element]](), list[Element]()
     pushes = hold[0][1] if hold else [0.0] * len(places)
@@ -184,7 +187,7 @@ def running_away(
     for at, goal, push, before, way, count, distance, travel in rows:
         side = where(at > goal, 1.0, -1.0)
         step = clip(at - before, -SMALL * distance, SMALL * distance)
-        way = where(started[0] > 0.5, maximum(way + side * step, 0.0), 0.0)
+        way = where(started[0] > 0.5, maximum(way + side * step, minimum(way, 0.0)), 0.0)
         way = where(absolute(at - goal) > distance, way, 0.0)
         most = where(side * push > DRIVEN, minimum(distance, travel), travel)
         count = where(way > most, count + 1.0, 0.0)
@@ -301,6 +304,12 @@ def sensor_lost(readings: Elements, longest: Elements) -> Elements:
     return np.array([reduce(maximum, [where(samples > longest[0], 1.0, 0.0) for samples in lost])])
 
 
+@gives("pauses_next")
+def forgotten(pauses: Elements, period: Elements) -> Elements:
+    """Long pauses of the loop (1,), of which some part is forgotten in a sample."""
+    return pauses * (1.0 - period / PAUSED)
+
+
 @gives("told_next")
 def told(flags: Elements, before: Elements, counts: Elements) -> Elements:
     """Samples so far, the first one at which a sign would stop the robot, 0 for none, and the sum of the bits of the
@@ -322,6 +331,7 @@ def first_signs(watch: Watch, u: Vector, positions: Vector) -> dict[str, np.ndar
         "swung": np.array([u, u, up, none, none, none]),
         **({"pace": np.zeros(len(watch.alone))} if watch.alone else {}),
         "misplaced": np.zeros(1),
+        "pauses": np.zeros(1),
         "told": np.zeros(3),
     }
 
@@ -384,6 +394,7 @@ def signs(
         memory.started,
         data.misplaced,
     )
+    after["pauses"] = run.call(forgotten, memory.pauses, data.period)
     after["told"] = run.call(
         told, run.call(_all, after["misplaced"], *flags.values()), memory.told, data.stop_on
     )

@@ -5,10 +5,10 @@ category of IEC 60204-1 [iec60204]: 0, the drives lose their power at once, and 
 the same; 2, a controlled stop, after which the drives keep their power.
 
 A controlled stop does not trust the estimate, which may be what failed. Drives of torques, currents and voltages get
-the input that holds the commanded pose, less a damping of the speeds of those sensors that are still believed. A
-command of positions goes on, slower and slower, for some 30 ms; one of velocities falls to 0 likewise. The stop ends at
-rest, after
-`LONGEST`, or at once where a joint becomes faster, as one does whose drive is reversed: then the power goes.
+the input that holds the commanded pose, less a damping of the motors' speeds, `flexhinf.loop.controller.slowing`, and
+of the ways since the stop began. A command of positions goes on, slower and slower, for some 30 ms; one of velocities
+falls to 0 likewise. The stop ends at rest or after `LONGEST`. It ends at once, and the power goes, where a joint
+becomes faster or does not do what the input should make of it: then the drive is what failed.
 """
 
 from __future__ import annotations
@@ -21,16 +21,24 @@ import numpy as np
 
 from flexhinf.arrays import Element, Elements, Vector
 from flexhinf.loop.controller.protection import STOPS
-from flexhinf.loop.controller.readings import Readings
-from flexhinf.loop.controller.signs import SIGNS
+from flexhinf.loop.controller.signs import PAUSES, SIGNS
+from flexhinf.loop.controller.slowing import Masses, Moving, Voters, first_moving, masses_of, moved
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 
 #: Longest controlled stop, and how long joints must stand before it ends, s; time after which it must have made them
 #: slower, s.
-LONGEST, STANDS, SOON = 1.0, 0.05, 0.05
+LONGEST, STANDS, SOON = 1.0, 0.05, 0.02
 
-#: Speed of a joint that stands, in parts of the largest one, which is taken for this one at most, rad/s or m/s.
-STANDING, UNSTATED = 0.02, 2.0
+#: Time over which speeds are averaged, s; how much faster than one that stands a motor may be, in times of that, beyond
+#: the share of its first speed that is left: it falls within `SLOWS` s to `LEFT`.
+AVERAGED, FASTER, SLOWS, LEFT = 0.02, 5.0, 0.1, 0.3
+
+#: Change of a joint's speed that an input should have made, as a share of the speed when the stop began, from which on
+#: it is judged, the share of it that must be there, and the time from which on weight may have made more of it, s.
+JUDGED, DONE, EARLY = 0.25, 0.3, 0.03
+
+#: Part of the rate at which a controlled stop slows a joint down, with which it goes back where the stop began.
+HOLDS = 0.125
 
 #: Time constant of a command of positions or velocities that ends, s.
 ENDING = 0.03
@@ -63,21 +71,20 @@ FAILED = ("NOT_INITIALISED", "BAD_ARITHMETIC", "BAD_START", "STOPPED", "WENT_BAC
 
 
 class StopNumbers(NamedTuple):
-    """Numbers of a protective stop: the period, s, limits of the inputs (m,), input per speed (m,), and speeds of
-    joints that stand (m,)."""
+    """Numbers of a protective stop: limits of the inputs (m,), input per speed (m,), and those of the masses."""
 
-    period: Element
     lower: Elements
     upper: Elements
     damping: Elements
-    rest: Elements
+    masses: Masses
 
 
 class StopState(NamedTuple):
     """What a protective stop remembers: `reasons` (r,), 1 or 0 each in the order of `Stop`; `power`, whether drives may
     have it, `samples` since the stop began, and those for which all joints have been `standing`, (1,) each; of each
-    input (m,) its `last` value, the `base` of a controlled stop, the `rate` of that per sample, and the `pace` of what
-    it moves when the stop began."""
+    input (m,) its `last` value, the `base` of a controlled stop, its `rate` per sample, the mean speed of the motor
+    (`pace`), that when the stop began (`first`), and the mean speed of the link (`swing`), the speed of motor and link together then (`whole`), and what
+    inputs should have made of that (`given`); behind these the elements of `Moving`."""
 
     reasons: Elements
     power: Elements
@@ -87,12 +94,27 @@ class StopState(NamedTuple):
     base: Elements
     rate: Elements
     pace: Elements
+    first: Elements
+    swing: Elements
+    whole: Elements
+    given: Elements
+    motor: Elements
+    link: Elements
+    twist: Elements
+    seen: Elements
+    there: Elements
+
+    @property
+    def moving(self) -> Moving:
+        """The motion."""
+        return Moving(*self[-len(Moving._fields) :])
 
 
 def first_stop(u: Vector) -> StopState:
     """Before a stop, with the input before the first sample (m,)."""
-    none = 0.0 * u
-    return StopState(np.zeros(len(Stop)), np.ones(1), np.zeros(1), np.zeros(1), u, none, none, none)
+    return StopState(
+        np.zeros(len(Stop)), np.ones(1), np.zeros(1), np.zeros(1), u, *(0.0 * u,) * 7, *first_moving(len(u))
+    )
 
 
 def decided(
@@ -101,41 +123,89 @@ def decided(
     flags: Elements,
     u: Elements,
     hold: Elements,
-    speeds: Elements,
+    readings: Elements | None,
+    voters: Voters,
     category: Element,
     numbers: StopNumbers,
 ) -> tuple[Elements, StopState]:
     """The input that acts (m,), and what is remembered.
 
     `flags` (r,) are the reasons of this sample that count, 1 or 0; u (m,) is what the controller gives, `hold` what
-    holds the robot at its command; `speeds` (m,) are those of what the inputs move, 0 of one that is not believed.
-    `drive` says what the inputs are: "torque", "velocity" or "position".
+    holds the robot at its command; `readings` are those of `flexhinf.loop.controller.readings.Readings`. `drive` says
+    what the inputs are: "torque", "velocity" or "position".
     """
-    period, lower, upper, damping, rest = numbers
+    lower, upper, damping, masses = numbers
+    period, share = masses.period, masses.share
     before = reduce(maximum, kept.reasons)
     reasons = _chosen(before, kept.reasons, flags)
     stops = reduce(maximum, reasons)
-    begins = stops * (1.0 - before)
-    size, left = absolute(np.asarray(speeds)), np.exp(-period / ENDING)
+    begins, push = stops * (1.0 - before), before * (kept.last - kept.base)
+    moving = kept.moving
+    if readings is not None:  # a step that computed nothing looked at none
+        looked = 1.0 - maximum(flags[0], flags[1])
+        moving = moved(moving, readings, voters, masses, before, push, looked)
     samples = stops * (kept.samples[0] + 1.0)
-    pace = _chosen(begins, size, kept.pace)
-    rate = _chosen(begins, u - kept.last, left * kept.rate)
-    base = _chosen(begins, hold if drive == "torque" else kept.last, kept.base)
-    base = base + rate if drive == "position" else left * base if drive == "velocity" else base
-    stands = reduce(minimum, [where(v > r, 0.0, 1.0) for v, r in zip(size, rest)])
-    standing = stops * stands * (kept.standing[0] + 1.0)
-    faster = reduce(maximum, [where(v > p + r, 1.0, 0.0) for v, p, r in zip(size, pace, rest)])
-    faster = where(samples * period > SOON, faster, 0.0)
-    over = where(standing * period > STANDS, 1.0, where(samples * period > LONGEST, 1.0, 0.0))
-    ends = where(category < 0.5, 1.0, where(category < 1.5, maximum(over, faster), faster))
+    new = 1.0 - np.exp(-period / AVERAGED)
+    pace = kept.pace + new * (absolute(moving.motor) - kept.pace)
+    swing = kept.swing + new * (absolute(moving.link) - kept.swing)
+    first = _chosen(begins, pace, kept.first)
+    body = share * moving.motor + (1.0 - share) * moving.link
+    whole = _chosen(begins, body, kept.whole)
+    given = stops * (kept.given + period * share * masses.response * push)
+    ends, standing = _ends(kept, pace, swing, first, body - whole, given, samples, stops, category, numbers, reasons[0])
     power = kept.power[0] * (1.0 - stops * ends)
-    slowed = clip(base - damping * speeds, lower, upper)
+    base, rate = _base(drive, kept, u, hold, moving, stops, begins, numbers)
+    slowed = clip(base - damping * moving.motor, lower, upper)
     off = base if drive == "position" else clip(0.0 * u, lower, upper)
     acts = _chosen(stops, _chosen(power, slowed, off), u)
-    after = StopState(
-        reasons, np.array([power]), np.array([samples]), np.array([standing]), acts, base, rate, pace
-    )
-    return acts, after
+    parts = np.array([power]), np.array([samples]), np.array([standing])
+    return acts, StopState(reasons, *parts, acts, base, rate, pace, first, swing, whole, given, *moving)
+
+
+def _ends(
+    kept: StopState, pace: Elements, swing: Elements, first: Elements, made: Elements, given: Elements, samples: Element,
+    stops: Element, category: Element, numbers: StopNumbers, blind: Element,
+) -> tuple[Element, Element]:  # fmt: skip
+    """Whether the power goes, 1 or 0, and for how many samples all joints have been standing: at rest, after the longest
+    time, and at once where a joint is faster, or inputs that should have `made` a change of its speed did not, or a loop
+    is `blind` that does not keep its period."""
+    rest, period = numbers.masses.rest, numbers.masses.period
+    stands = reduce(minimum, [where(maximum(w, v) > r, 0.0, 1.0) for w, v, r in zip(pace, swing, rest)])
+    standing = stops * stands * (kept.standing[0] + 1.0)
+    left = maximum(1.0 - samples * period / SLOWS, LEFT)
+    faster = [where(w > left * most + FASTER * r, 1.0, 0.0) for w, most, r in zip(pace, first, rest)]
+    judged = JUDGED * first + FASTER * rest
+    fails = [
+        where(absolute(g) > j, where(done * g > DONE * g * g, 0.0, 1.0), 0.0)
+        for g, j, done in zip(given, judged, made)
+    ]
+    broken = reduce(maximum, [*_when(samples * period > SOON, faster), *_when(samples * period < EARLY, fails)])
+    over = where(standing * period > STANDS, 1.0, where(samples * period > LONGEST, 1.0, 0.0))
+    ends = where(category < 0.5, 1.0, where(category < 1.5, maximum(over, broken), broken))
+    return maximum(ends, blind), standing
+
+
+def _when(holds: Element, flags: list[Element]) -> list[Element]:
+    """Flags where a condition holds, else 0."""
+    return [where(holds, flag, 0.0) for flag in flags]
+
+
+def _base(
+    drive: str, kept: StopState, u: Elements, hold: Elements, moving: Moving, stops: Element, begins: Element,
+    numbers: StopNumbers,
+) -> tuple[Elements, Elements]:  # fmt: skip
+    """What the inputs of a controlled stop are without damping (m,), and how they change (m,)."""
+    masses = numbers.masses
+    left = np.exp(-masses.period / ENDING)
+    rate = _chosen(begins, u - kept.last, left * kept.rate)
+    if drive == "position":
+        return _chosen(begins, kept.last, kept.base) + rate, rate
+    if drive == "velocity":
+        return left * _chosen(begins, kept.last, kept.base), rate
+    slows = numbers.damping * masses.share * masses.response
+    seen = moving.there[: len(moving.motor)]
+    back = stops * (1.0 - begins) * masses.period * HOLDS * slows * numbers.damping * seen
+    return clip(_chosen(begins, hold, kept.base) - back * moving.motor, numbers.lower, numbers.upper), rate
 
 
 def _chosen(flag: Element, those: Elements, others: Elements) -> Elements:
@@ -145,14 +215,9 @@ def _chosen(flag: Element, those: Elements, others: Elements) -> Elements:
 
 def stop_numbers(controller: Any) -> tuple[str, StopNumbers]:
     """What the inputs of a controller are for a stop, and its numbers."""
-    protection, limits = controller.protection, controller.limits
-    none = np.zeros(len(limits.lower))
-    if protection is None:
-        return "torque", StopNumbers(controller.period, limits.lower, limits.upper, none, none)
-    fastest = dict(zip(controller.measured, protection.speed))
-    rest = [STANDING * min(fastest.get(name, np.inf), UNSTATED) for name in protection.moved]
-    numbers = np.array(protection.damping), np.array(rest)
-    return protection.drive, StopNumbers(controller.period, limits.lower, limits.upper, *numbers)
+    protection, limits, masses = controller.protection, controller.limits, masses_of(controller)
+    damping = np.zeros(len(limits.lower)) if protection is None else np.array(protection.damping)
+    return protection.drive if protection else "torque", StopNumbers(limits.lower, limits.upper, damping, masses)
 
 
 def stop_size(inputs: int) -> int:
@@ -165,18 +230,8 @@ def reasons(controller: Any, history: Any) -> np.ndarray:
     protection, found = controller.protection, np.zeros(len(Stop))
     found[0], found[1] = history.code == "BAD_PERIOD", history.code in FAILED
     if protection is not None and history.code != "WAITING":
+        found[0] = max(found[0], history.memory[controller.memory.places["pauses"]][0] > PAUSES)
         found[2] = history.memory[controller.memory.places["misplaced"]][0]
         found[-len(SIGNS) :] = history.memory[controller.memory.places["status"]][-len(SIGNS) :]
     counted = tuple(STOPS) if protection is None else protection.stop_on
     return np.where([name in counted for name in STOPS], found, 0.0)
-
-
-def stop_speeds(controller: Any, history: Any) -> np.ndarray:
-    """Speeds of what the inputs move (m,), 0 where no reading is believed that tells it."""
-    watch, speeds = controller.mode.protected, np.zeros(len(controller.law.input_names))
-    if watch is not None:
-        kept = Readings(*controller.memory.named(history.memory).readings)
-        for k, place in enumerate(watch.moved):
-            if place is not None and kept.since[place] <= 1.0:
-                speeds[k] = kept.speed[place] / controller.period
-    return speeds
