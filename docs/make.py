@@ -501,7 +501,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     ),
     **{
         f"faults-{table}": ("docs/firmware_study.md", benchmark("benchmarks.faults", "--table", table))
-        for table in ("arms", "groups", "harmless", "faults")
+        for table in ("arms", "groups", "hidden", "harmless", "faults")
     },
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),

@@ -16,7 +16,7 @@ enum {
     /* mechanics */
     SPRING, WALL, BLOCKED, BRAKED, DRAGGED, ESTOP, UNPOWERED, PAYLOAD,
     /* the start */
-    OFFSET, ELSEWHERE, MOVING, COMMANDED,
+    OFFSET, ELSEWHERE, HOMED, MOVING, COMMANDED,
     /* the clock */
     JITTER, PERIOD, OVERRUN, HICCUP,
     KINDS
@@ -25,7 +25,7 @@ static const char *const NAMES[KINDS] = {
     "none", "jump", "mirrored", "backward", "swapped", "stuck", "zero", "scaled", "slips", "drift", "wrapped", "late",
     "silent", "dropouts", "noise", "glitches", "coarse", "frozen", "repeats", "unmeasured", "dead", "full", "inverted",
     "exchanged", "weak", "limited", "held", "delayed", "biased", "shorted", "spring", "wall", "blocked", "braked",
-    "dragged", "estop", "unpowered", "payload", "offset", "elsewhere", "moving", "commanded", "jitter", "period",
+    "dragged", "estop", "unpowered", "payload", "offset", "elsewhere", "homed", "moving", "commanded", "jitter", "period",
     "overrun", "hiccup"
 };
 
@@ -54,8 +54,9 @@ static int senses(const bench *b, int i)
 /* The start ------------------------------------------------------------------------------------------------------- */
 void fault_starts(bench *b, double *q)
 {
-    for (int i = 0; i < NOMINAL.n && b->asked.kind == ELSEWHERE; ++i) {
-        if (is_meant(b, i)) { q[i] += b->asked.magnitude; }
+    for (int i = 0; i < NOMINAL.n; ++i) {
+        const int away = b->asked.kind == ELSEWHERE || b->asked.kind == HOMED;
+        if (away && is_meant(b, i)) { q[i] += b->asked.magnitude; }
     }
 }
 
@@ -128,6 +129,7 @@ static double sensed(bench *b, int i)
     switch (b->asked.kind) {
     case OFFSET:
     case JUMP: return y + m;
+    case HOMED: return y - m; /* the encoders were set to home where the arm is not */
     case MIRRORED: return -y;
     case BACKWARD: return 2.0 * b->kept[i] - y;
     case SWAPPED: return of_other(b, i);

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-__all__ = ["FAULTS", "GROUPS", "HARMLESS", "MOVES", "Facts", "Fault", "drawn", "fitting"]
+__all__ = ["FAULTS", "GROUPS", "HARMLESS", "MOVES", "OUTSIDE", "Facts", "Fault", "drawn", "fitting"]
 
 #: Longer than any run: low, high, unit.
 EVER = (1e6, 1e6, "s")
@@ -70,19 +70,29 @@ class Fault:
         return self.high > self.low
 
 
+#: Why sensors cannot show some faults, and what outside of the controller does.
+SHIFTED, BEHIND = "every reading is that of a sound arm elsewhere", "nothing measures the links"
+SHORTED = "it brakes its joint, as something in its way would"
+OUTSIDE: Mapping[str, str] = {
+    SHIFTED: "a mark or a reference switch, looked at before each start",
+    BEHIND: "an encoder or a switch on the link; a look at gears and belts",
+    SHORTED: "the drive's own supervision of its current",
+}
+
+
 def seen(facts: Facts) -> str:
     """Nothing: the sensors can show it."""
     return ""
 
 
-def shifted(facts: Facts) -> str:
-    """Why nobody sees a zero that is wrong from the start, of all that measures a joint."""
-    return "every reading is that of a sound arm elsewhere"
-
-
 def behind(facts: Facts) -> str:
     """Why nobody sees what happens behind the motors."""
-    return "" if facts.links else "nothing measures the links"
+    return "" if facts.links else BEHIND
+
+
+def alone(facts: Facts) -> bool:
+    """Whether nothing measures the links."""
+    return not facts.links
 
 
 def braked(facts: Facts) -> bool:
@@ -144,7 +154,7 @@ DRIVES = (
     Fault("late drives", "delayed", "all", "all drives act late", 2e-3, 0.2, "s", "samples"),
     Fault("biased drive", "biased", "one", "a drive adds a share of its limit", 0.02, 1.0, "1", "signed"),
     Fault("shorted drive", "shorted", "one", "windings are shorted", needs=lambda facts: facts.drive == "voltage",
-          hidden=lambda facts: "it brakes its joint, as something in its way would"),
+          hidden=lambda facts: SHORTED),
 )  # fmt: skip
 
 MECHANICS = (
@@ -166,8 +176,9 @@ MECHANICS = (
 )  # fmt: skip
 
 STARTS = (
-    Fault("elsewhere", "elsewhere", "one", "the arm starts elsewhere", 1e-2, 1.5, "rad", "signed", True,
-          lambda facts: not facts.links, hidden=shifted),
+    Fault("elsewhere", "elsewhere", "one", "the arm starts elsewhere", 1e-2, 1.5, "rad", "signed", True, alone),
+    Fault("wrong home", "homed", "both", "encoders were set to home elsewhere", 1e-2, 1.5, "rad", "signed", True, alone,
+          hidden=lambda facts: SHIFTED),
     Fault("starts in motion", "moving", "one", "a joint moves at the start", 0.05, 2.0, "rad/s", "signed", True),
 )  # fmt: skip
 
@@ -184,7 +195,6 @@ def _sensors() -> Iterator[Fault]:
     zero = Fault(
         "wrong zero", "offset", "", "the zero is wrong from the start", 1e-3, 3.0, "rad", "signed", True
     )
-    alike = {"link": seen, "motor": lambda facts: "" if facts.links else shifted(facts), "both": shifted}
     sides = {
         "link": lambda facts: facts.links,
         "motor": lambda facts: facts.motors,
@@ -196,7 +206,7 @@ def _sensors() -> Iterator[Fault]:
             def needs(facts: Facts, has: Any = has, also: Any = fault.needs) -> bool:
                 return has(facts) and also(facts)
 
-            hidden = alike[side] if fault is zero else seen
+            hidden = (lambda facts: SHIFTED) if fault is zero and side == "both" else seen
             yield replace(fault, name=f"{fault.name}, {side}", side=side, needs=needs, hidden=hidden)
 
 

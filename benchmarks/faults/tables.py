@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.faults.arms import ARMS
-from benchmarks.faults.kinds import FAULTS, GROUPS, HARMLESS, MOVES
+from benchmarks.faults.kinds import FAULTS, GROUPS, HARMLESS, MOVES, MOVES_OF_A_RUN, OUTSIDE
 from benchmarks.faults.verdict import FAILURES, VERDICTS, judged, judged_harmless
 
 __all__ = ["KEPT", "TABLES", "failures", "summary", "trips"]
@@ -35,6 +35,8 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
         own = found.setdefault(row["arm"], {}).setdefault(row["fault"], {"runs": 0})
         verdict = judged(row) if row["fault"] in FAULTS else "kept" if judged_harmless(row) else "tripped"
         own["runs"] += 1
+        if row["hidden"]:
+            own["why"] = row["hidden"]
         own[verdict] = own.get(verdict, 0) + 1
         if row["noticed"] and not row["early"]:
             own["category"] = sorted({*own.get("category", []), row["category"]})
@@ -143,18 +145,27 @@ def by_group(results: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", *(f"- {name}: {VERDICTS[name]}" for name in ends)])
 
 
+def hidden(results: Mapping[str, Any]) -> str:
+    """What the sensors of an arm cannot show, why, and what does."""
+    arms = results["arms"]
+    lines = _head(("fault", "arms", "why their sensors cannot show it", "what does"))
+    for name in FAULTS:
+        those = [arm for arm in arms if "why" in arms[arm].get(name, {})]
+        if those:
+            why = arms[those[0]][name]["why"]
+            lines.append(_cells([name, ", ".join(those), why, OUTSIDE[why]]))
+    return "\n".join(lines)
+
+
 def harmless(results: Mapping[str, Any]) -> str:
     """What may not stop an arm: runs, and how many were stopped."""
     arms = results["arms"]
     lines = _head(("event", *arms))
     for name in (*HARMLESS, MOVES.name):
-        cells = [
-            ""
-            if name not in arms[arm]
-            else f"{arms[arm][name].get('tripped', 0)} of {arms[arm][name]['runs']}"
-            for arm in arms
-        ]
-        lines.append(_cells([name, *cells]))
+        about = f"{name}, {MOVES_OF_A_RUN} a run" if name == MOVES.name else name
+        found = [arms[arm].get(name) for arm in arms]
+        cells = ["" if one is None else f"{one.get('tripped', 0)} of {one['runs']}" for one in found]
+        lines.append(_cells([about, *cells]))
     return "\n".join(lines)
 
 
@@ -167,6 +178,7 @@ def arms(results: Mapping[str, Any]) -> str:
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     "arms": arms,
     "groups": by_group,
+    "hidden": hidden,
     "harmless": harmless,
     "faults": by_fault,
 }

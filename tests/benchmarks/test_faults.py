@@ -29,6 +29,17 @@ NOTICED = ("silent, link", "silent, motor", "silent, both", "frame silent", "unm
 STOPPED = ("hiccup", "far command")
 
 
+class Programs(dict[str, Program]):
+    """Programs by the name of their arm, made when they are asked for."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __missing__(self, name: str) -> Program:
+        self[name] = program_of(ARMS[name], self.folder)
+        return self[name]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where programs are made, once in a run of tests."""
@@ -38,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def programs(compiler: str, folder: Path) -> Mapping[str, Program]:
-    return {name: program_of(arm, folder) for name, arm in ARMS.items()}
+    return Programs(folder)
 
 
 @pytest.fixture(scope="module")
@@ -272,7 +283,7 @@ def test_the_quick_matrix(
     programs: Mapping[str, Program], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Silence is noticed, moves and most harmless events stop nothing, and rows are kept, repeated and gone on with."""
-    campaign = Campaign(programs, 74, 1, 50, tmp_path)
+    campaign = Campaign({name: programs[name] for name in ARMS}, 74, 1, 50, tmp_path)
     campaign.make()
     rows = campaign.rows()
     assert len(rows) == len(campaign.planned()) > 350

@@ -54,6 +54,16 @@ double energy(void) { return plant_energy(&p); }
 void go(const double *u, double period, int refined) { plant_run(&p, u, period, refined); }
 void power(int on) { for (int i = 0; i < NOMINAL.n; ++i) { p.powered[i] = on; } }
 void brakes(int on) { for (int i = 0; i < NOMINAL.n; ++i) { p.braked[i] = on; } }
+static unsigned mixed;
+static double random_share(void) { mixed = 1664525u * mixed + 1013904223u; return mixed / 4294967296.0; }
+void drawn(double *numbers, int seed)
+{
+    plant_model one;
+    mixed = (unsigned)seed;
+    plant_draw(&one, &LOWEST, &HIGHEST, random_share);
+    for (int i = 0; i < NOMINAL.n; ++i) { numbers[i] = one.is.stiffness[i]; numbers[NOMINAL.n + i] = one.is.mass[i]; }
+    numbers[2 * NOMINAL.n] = one.is.payload;
+}
 double held(int i) { return NOMINAL.is.brake[i]; }
 double command(int i, double torque, double theta, double w) { return plant_command(&NOMINAL, i, torque, theta, w); }
 """
@@ -137,8 +147,8 @@ def test_the_links_accelerate_as_pinocchios(name: str, probe: Callable[[Robot], 
 
 
 @pytest.mark.parametrize("name", ["two", "six"])
-def test_tolerances_are_those_of_the_robot(name: str) -> None:
-    """Lowest and highest of each number that flexhinf varies too."""
+def test_tolerances_are_those_of_the_robot(name: str, probe: Callable[[Robot], Probe]) -> None:
+    """Lowest and highest of each number that flexhinf varies too; robots are drawn between them."""
     robot, theirs = read_robot(FILES[name]), fh.load_robot(FILES[name])
     intervals = {parameter.name: parameter.interval for parameter in theirs.parameters}
     for joint, label in enumerate(robot.joints):
@@ -151,6 +161,14 @@ def test_tolerances_are_those_of_the_robot(name: str) -> None:
             assert (number.low, number.high) == pytest.approx(intervals[f"{quantity}_{label}"]), (mine, label)
         mass = robot.fields["mass"][joint][0]
         assert (mass.low, mass.high) == pytest.approx(intervals[f"mass_{label}"])
+    plant = probe(robot)
+    rows = np.array([plant.call("drawn", seed, out=2 * plant.n + 1) for seed in range(0, 4000, 10)])
+    fields = [robot.fields[name] for name in ("stiffness", "mass", "payload")]
+    numbers = [row[0] for field in fields for row in field]
+    low, high = (np.array([getattr(number, end) for number in numbers]) for end in ("low", "high"))
+    share = (rows - low) / (high - low)
+    assert np.all((share >= 0.0) & (share < 1.0))
+    assert share.mean(axis=0) == pytest.approx(0.5, abs=0.1)  # uniform ones: 0.5 ± 0.014
     payload = robot.fields["payload"][0][0]
     assert (payload.low, payload.high) == pytest.approx(intervals[f"payload_mass_{robot.joints[-1]}"])
 
