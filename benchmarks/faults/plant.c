@@ -500,7 +500,8 @@ void plant_complete(plant_model *model)
         is->largest[i] = is->torque_constant[i] * is->effort_limit[i];
         if (model->drive == VOLTAGE) { is->largest[i] /= is->resistance[i]; }
         if (model->drive == VELOCITY || model->drive == POSITION) {
-            is->largest[i] = fmin(is->drive_limit[i], 2.0 * weight[i] + QUICK * is->motor_inertia[i]);
+            const int stated = is->drive_limit[i] < HUGE_VAL;
+            is->largest[i] = stated ? is->drive_limit[i] : 2.0 * weight[i] + QUICK * is->motor_inertia[i];
         }
         if (is->brake[i] >= 0.0) { is->brake[i] = BRAKES * fmax(weight[i], LEAST_BRAKE * is->largest[i]); }
     }

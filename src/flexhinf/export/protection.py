@@ -16,6 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.plausible import IN_PYTHON, NOISE, TWICE, measurement_limits
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.protection import LOOK, WINDOW, Protection, observer_of
+from flexhinf.robot.drive_limits import UNLIMITED
 from flexhinf.robot.elastic import INNER, stated_curve
 from flexhinf.robot.parameters import per_joint
 
@@ -58,6 +59,9 @@ AWAY, AWAY_SLIDING = 0.08, 0.008
 
 #: Acceleration of links and motors that a work has beside the weight, rad/s² or m/s²: as where no motor has a limit.
 ACCELERATION = 50.0
+
+#: Times its weight that a drive holds at least, and by how much it accelerates a joint then, rad/s² or m/s².
+LEAST = 1.2, 10.0
 
 #: Share of an input's range that a swing has which counts always; times the smallest one where it has no range.
 LARGE, TIMES = 0.5, 5.0
@@ -152,6 +156,8 @@ class _Protected:
             rates=self.rates[:, self.watched].tolist(),
             spreads=self.spreads[:, :, self.watched].tolist(),
             floor=self.floor[self.watched].tolist(),
+            most=self.most[0][self.watched].tolist(),
+            unsure=self.most[1][self.watched].tolist(),
             misplaced=self.misplaced.tolist(),
             moved_at_start=self.moved_at_start(steps).tolist(),
             twist_at_start=self.twist_at_start[self.watched].tolist(),
@@ -384,6 +390,19 @@ class _Protected:
         gap = np.asarray(self.robot.plant_parameters().get("backlash", 0.0), dtype=float)
         inertia = np.where(self.elastic, self.motor_inertia, np.inf)
         return self.dry / inertia + np.abs(self.rates[2]) * (OFFSET + gap) + NOISE * heard
+
+    @property
+    def most(self) -> tuple[Vector, Vector]:
+        """Accelerations of motors at which their drives' own loops saturate, by their limits, or where none is stated
+        by the smallest one that such an arm has; and 1 there, 0 of stated ones, (n,) each."""
+        if self.robot.drive not in INNER:
+            return np.full(self.n, np.inf), np.zeros(self.n)
+        stated = self.robot.plant_parameters().get("drive_torque_limit", UNLIMITED)
+        limit = np.broadcast_to(np.asarray(stated, dtype=float), self.n)
+        inertia = self.link_inertia + self.motor_inertia
+        torque = np.where(limit < UNLIMITED, limit, LEAST[0] * self.weights + LEAST[1] * inertia)
+        most = torque / np.where(self.elastic, self.motor_inertia, np.inf)
+        return most, np.where(limit < UNLIMITED, UNSTATED, 1.0)
 
     @cached_property
     def hardest(self) -> Vector:

@@ -94,6 +94,10 @@ class Protection(Listed):
         By how much these are others at the end of each tolerance.
     floor : (g,)
         What is left out of them, rad/s² or m/s²: dry friction, offsets of encoders, noise.
+    most : (g,)
+        Accelerations of motors at which their drives' own loops saturate; infinite without such a loop.
+    unsure : (g,)
+        Share of what the loop wants beyond that which may be there: 0 where the limit is known, else 1.
     alone : sequence of str
         Encoders of motors that no other sensor contradicts.
     hardest : sequence of float
@@ -152,6 +156,8 @@ class Protection(Listed):
     rates: Sequence[Sequence[float]] = ()
     spreads: Sequence[Sequence[Sequence[float]]] = ()
     floor: Sequence[float] = ()
+    most: Sequence[float] = ()
+    unsure: Sequence[float] = ()
     alone: Sequence[str] = ()
     hardest: Sequence[float] = ()
     moved: Sequence[str] = ()
@@ -168,7 +174,7 @@ class Protection(Listed):
         shapes = {
             "speed": (p,), "window": (p,), "step": (p,), "distance": (k,), "travel": (k,), "swing": (2, m),
             "damping": (m,), "response": (m,), "winding": (2, m), "smoothing": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links),
-            g), "compliance": (g,), "rates": (5, g), "floor": (g,), "hardest": (a,),
+            g), "compliance": (g,), "rates": (5, g), "floor": (g,), "most": (g,), "unsure": (g,), "hardest": (a,),
             "misplaced": (p,), "moved_at_start": (p,), "twist_at_start": (g,),
         }  # fmt: skip
         arrays = {name: np.array(getattr(self, name)) for name in shapes}
@@ -222,7 +228,7 @@ class Protection(Listed):
             ]
             terms = tuple(tuple(i for i, rate in enumerate(row) if rate[j]) for row in self.spreads)
             own = places[twist] if twist else None
-            pairs.append(Pair(places[motor], tuple(links), own, list(inputs).index(input), terms))
+            pairs.append(Pair(places[motor], tuple(links), own, list(inputs).index(input), self.drive != "torque", terms))
         moved = tuple(places[name] if name else None for name in self.moved)
         return Watch(tuple(pairs), moved, tuple(places[name] for name in self.alone))
 
@@ -248,7 +254,7 @@ class Protection(Listed):
             "swing_sizes": np.array(self.swing),
             "motor_rates": rates,
             "motor_spreads": _table(self.spreads, 5, rates.shape[1]),
-            "motor_numbers": np.vstack([observer, [self.floor], [self.compliance], shares]),
+            "motor_numbers": np.vstack([observer, [self.floor], [self.compliance], [self.most], [self.unsure], shares]),
             "hardest": np.array(self.hardest),
             "misplaced": np.array(self.misplaced),
             "longest_unseen": np.array([self.longest_unseen], dtype=float),

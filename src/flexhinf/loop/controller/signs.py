@@ -7,7 +7,7 @@ with a few numbers of each joint in place of the whole model, and each lasts for
   spring has. Then the motor moves by J θ̈ = k_u u − B θ̇ − k_p θ − τ_s, whatever is done to the link: a push, a
   payload, an obstacle. An observer of the motor [luenberger1964] follows the encoder; the acceleration ρ that it lacks
   is compared with what robots at the ends of their tolerances lack there, Σ_i |∂θ̈/∂p_i| δp_i, and a floor of dry
-  friction, offsets and noise. A drive that is dead, reversed or full on, an encoder that jumps, sticks or drifts, a
+  friction, offsets and noise; of a drive with a loop of its own also with what that wants beyond its limit. A drive that is dead, reversed or full on, an encoder that jumps, sticks or drifts, a
   spring that is broken are larger.
 - *Running away.* A joint is far from its command, and went there by itself: its own way away from it is summed while it
   is beyond `distance`. A command that leaves a held joint, and a joint that comes back, sum nothing. Beyond `travel` it
@@ -35,7 +35,7 @@ from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.scalars.run import Run
 
 #: How many times what the tolerances explain an acceleration may be: they are linearised.
-MARGIN = 1.1
+MARGIN = 1.2
 
 #: Times for which a sign must last, s: a contradiction, a way, an input at its limit, an encoder that stands.
 LASTING = {"inconsistent": 0.005, "away": 0.005, "opposed": 0.02, "stuck": 0.01}
@@ -58,12 +58,13 @@ class Pair(NamedTuple):
     """Two readings of a joint that tell the twist of its spring, by their places in a measurement: the motor's
     position, and those of the links that move with it, with their rows in `Protection.shares`, or one of the twist or
     its torque.
-    `input`: the place of its input. `terms`: of each tolerance, which of the five rates it changes."""
+    `input`: the place of its input; `looped`: whether its drive has a loop of its own. `terms`: of each tolerance, which of the five rates it changes."""
 
     motor: int
     links: tuple[tuple[int, int], ...]
     twist: int | None
     input: int
+    looped: bool
     terms: tuple[tuple[int, ...], ...]
 
 
@@ -72,7 +73,8 @@ class Observer(NamedTuple):
     has
     `pushed` the position; `first` and `second` are the gains of position and speed, `scale` the lacking acceleration
     per lacking way, `floor` what is left out of the accelerations, `compliance` the twist per unit of the signal that
-    tells it."""
+    tells it, `most` the acceleration at which a drive's own loop saturates, and `unsure` the share of what is beyond it
+    that may be there."""
 
     way: Elements
     left: Elements
@@ -82,6 +84,8 @@ class Observer(NamedTuple):
     scale: Elements
     floor: Elements
     compliance: Elements
+    most: Elements
+    unsure: Elements
 
 
 class Watch(NamedTuple):
@@ -127,25 +131,39 @@ def inconsistent(
         at, speed, is_known, count = motion[:, j]
         theta, twist, seen = _twisted(pair, turns, y, at, own.compliance[j], shares[:, j])
         unwinds, half = _unwinding(pair, speeds, own.compliance[j], shares[:, j]), 0.5 * period[0]
-        parts = u[pair.input], theta - half * speed, twist - half * unwinds, speed, unwinds
-        rate = rates[:, j]
-        driven = rate[0] * parts[0] + rate[1] * parts[1] + rate[2] * parts[2] + rate[4] * parts[4]
-        ahead = at + own.way[j] * speed + own.pushed[j] * driven
+        parts = u[pair.input], theta - half * speed, twist - half * unwinds, speeds[pair.motor], unwinds
+        ahead, turning, beside = _ahead(pair, at, speed, parts, rates[:, j], Observer(*(part[j] for part in own)), period[0])
         goes_on = where(is_known > 0.5, seen, 0.0)
         lacking = where(goes_on > 0.5, theta - ahead, 0.0)
         rows = [(terms, row) for terms, row in zip(pair.terms, spreads) if terms]
         allowed = sum(absolute(sum(row[term, j] * parts[term] for term in terms)) for terms, row in rows)
-        beyond = absolute(own.scale[j] * lacking) - MARGIN * allowed - own.floor[j]
+        beyond = absolute(own.scale[j] * lacking) - MARGIN * allowed - own.floor[j] - beside
         count = where(beyond > 0.0, count + seen, maximum(count - 1.0, 0.0))
-        turning = own.left[j] * speed + own.way[j] * driven + own.second[j] * lacking
         columns.append([
             where(goes_on > 0.5, ahead + own.first[j] * lacking, theta),
-            where(goes_on > 0.5, turning, where(seen > 0.5, speeds[pair.motor], speed)),
+            where(goes_on > 0.5, turning + own.second[j] * lacking, where(seen > 0.5, speeds[pair.motor], speed)),
             where(is_known < -0.5, is_known + 1.0, seen),
             count,
         ])  # fmt: skip
         flags.append(where(count * period[0] > LASTING["inconsistent"], 1.0, 0.0))
     return np.array(columns).T, np.array([reduce(maximum, flags)])
+
+
+def _ahead(
+    pair: Pair, at: Element, speed: Element, parts: tuple[Element, ...], rate: Elements, own: Observer, period: Element
+) -> tuple[Element, Element, Element]:
+    """Where a motor is a sample later, how fast it is then, and by how much its acceleration is not known, where a
+    drive's own loop saturates."""
+    loop, rest = rate[0] * parts[0] + rate[1] * parts[1], rate[2] * parts[2] + rate[4] * parts[4]
+    driven = loop + rest
+    later = at + own.way * speed + own.pushed * driven, own.left * speed + own.way * driven
+    if not pair.looped:
+        return *later, 0.0
+    wanted = loop + rate[3] * speed
+    given = clip(wanted, -own.most, own.most)
+    excess, full = absolute(wanted - given), at + period * (speed + 0.5 * period * (given + rest))
+    here = where(excess > 0.0, full, later[0]), where(excess > 0.0, speed + period * (given + rest), later[1])
+    return *here, own.unsure * excess
 
 
 def _twisted(
