@@ -19,11 +19,11 @@ the lag l is gone, the law is shown the command itself again, bit for bit.
 
 A joint that something pushes comes back as the law itself brings it. To be shown a motion that runs away with the joint
 takes from the law what brakes it: with a soft spring the joint went three times as far, and a law at the limits of its
-motor never came to rest. So the motion is not held at a far joint that runs away, by itself faster than v_d + `AWAY` s.
-Such a joint is *pushed*, then and for `PUSHED` after it last ran away, where a load of more than w moves it, see below;
-where its command stands and it was not far before; or where another joint is pushed, which carries it. Integral and
-velocity of a pushed joint count as without a governor. Beside a joint that lets go none begins to be pushed. Where one
-is still far afterwards, the motion goes to it with the speed s.
+motor never came to rest. A far joint that runs away, by itself faster than v_d + `AWAY` s, is *pushed*, then and for `PUSHED`
+after it last ran away: where a load of more than w moves it, see below; where its command stands and it was not far
+before; or where another joint is pushed, which carries it. The motion is not held at a pushed joint, and its integral
+and its velocity count as without a governor. Beside a joint that lets go none begins to be pushed. Where one is still
+far afterwards, the motion goes to it with the speed s.
 
 While something holds the joint, an error of d is integrated, and not one that grows: no integral stands still, as it
 may be what carries a payload. A joint that comes loose thus overshoots with the motion that is shown at d from it.
@@ -365,8 +365,7 @@ def governed(
         flag = _pushed(flag, runs, where(some, 1.0, free * maximum(unlike, _rests(flag, rate))), period[0])
         pushed = flag > 1.0
         share = where(pushed, 1.0, share)
-        within = where(pushed, np.inf, where(runs > 0.5, np.inf, distance * share))
-        held = within, where(share < 1.0, np.inf, period[0] * own[0])
+        held = where(pushed, np.inf, distance * share), where(share < 1.0, np.inf, period[0] * own[0])
         place, faster, clipped = _followed((goal, rate), seen, (place, speed), step, period[0], held, own)
         slow = TOUCH * share * own[0]
         faster = where(share < 1.0, clip(faster, -slow, slow), faster)
