@@ -19,11 +19,11 @@ the lag l is gone, the law is shown the command itself again, bit for bit.
 
 A joint that something pushes comes back as the law itself brings it. To be shown a motion that runs away with the joint
 takes from the law what brakes it: with a soft spring the joint went three times as far, and a law at the limits of its
-motor never came to rest. A far joint that runs away, by itself faster than v_d + `AWAY` s, is *pushed*, then and for `PUSHED`
-after it last ran away: where a load of more than w moves it, see below; where its command stands and it was not far
-before; or where another joint is pushed, which carries it. The motion is not held at a pushed joint, and its integral
-and its velocity count as without a governor. Beside a joint that lets go none begins to be pushed. Where one is still
-far afterwards, the motion goes to it with the speed s.
+motor never came to rest. A far joint that runs away, by itself faster than v_d + `AWAY` s, is *pushed*, then and for
+`PUSHED` after it last ran away: where a load of more than w moves it, see below; where its command stands and it was
+not far before; or where another joint is pushed, which carries it. The motion is not held at a pushed joint, and its
+integral and its velocity count as without a governor. Beside a joint that lets go none begins to be pushed. Where one
+is still far afterwards, the motion goes to it with the speed s.
 
 While something holds the joint, an error of d is integrated, and not one that grows: no integral stands still, as it
 may be what carries a payload. A joint that comes loose thus overshoots with the motion that is shown at d from it.
