@@ -475,7 +475,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     **{
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
-        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals")
+        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals", "pushes")
     },
     **{
         name: ("docs/comparison_workspaces.md", benchmark("benchmarks.compared", "--table", table))

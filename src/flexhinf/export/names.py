@@ -135,6 +135,8 @@ PARTS = {
     "from a third of which on it takes all; where stated, what it takes of slow motors, and how slow these are",
     "governor": "of each tracked position: how far from its command it is brought back, the speed and acceleration of "
     "that, its range, and how fast the last of it ends, 1/s",
+    "governor_curves": "of each tracked position, the curve of its spring: three stiffnesses over the model's, and the "
+    "twists of the model's spring at the torques between them",
     "resistance": "acceleration of each tracked position, per s^2, that the model does not explain, and above which a "
     "joint that is brought back lets go",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
@@ -156,7 +158,7 @@ MEMORY = {
     "bias": "what the input still has beside that of the law, after a law took over",
     "active": "which law acts",
     "command": "the last command, within its limits, or as the law is shown it",
-    "far": "of each tracked position, whether it is brought back to its command: 1 or 0",
+    "far": "of each tracked position, whether it is brought back to its command: 1 or 0, more where it is pushed",
     "hold": "of each tracked position: how it is held where something keeps it from its command",
     "watch": "of each input, then of each tracked position: what is counted of its swings and of its saturation",
     "ease": "what the input still has beside that of the law, after a following error",
@@ -257,6 +259,13 @@ ROWS = {
         "lower": "least position",
         "upper": "largest",
         "rate": "1/s",
+    },
+    "governor_curves": {
+        "first": "stiffness up to the first torque, over that of the model",
+        "second": "stiffness from there to the second",
+        "third": "stiffness beyond",
+        "low": "twist of the model's spring at the first torque, rad or m",
+        "high": "twist at the second",
     },
     "swings": {
         "near_limit": "how near to a limit counts as at it",

@@ -205,7 +205,7 @@ class Controller(Summarised):
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
-        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), (), ())
+        back: Any = governor.places(solution, moving, supervision, own, estimator) if governor else ()
         self.mode = StepMode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),

@@ -73,6 +73,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["backlash"] = c.backlash.width
     if mode.governed:
         values["governor"] = c.governor.data(c.period)
+    if mode.curved:
+        values["governor_curves"] = c.governor.curves
     if mode.resisted:
         values["resistance"] = c.governor.resistance
     if mode.bounds_windup:

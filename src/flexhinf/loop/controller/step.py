@@ -61,8 +61,8 @@ class StepMode:
     `velocities`: places of the law's states that are zero at rest, where a moving reference may be held. `gaps`: places
     of links and motors with backlash between them. `governed`: of each tracked position, those of the states that are
     shifted with it, where far joints are brought back slowly; `resisted`: those of the velocities in the estimate,
-    where they let go of what keeps them; `turned`: T of joints that are coupled. `protected`: what the signs of a
-    protective stop are read from.
+    where they let go of what keeps them; `turned`: T of joints that are coupled; `curved`: whether springs have curves
+    that the estimator's model has not. `protected`: what the signs of a protective stop are read from.
     """
 
     moving: bool = False
@@ -85,6 +85,7 @@ class StepMode:
     resisted: tuple[int, ...] = ()
     turned: tuple[tuple[float, ...], ...] = ()
     protected: Watch | None = None
+    curved: bool = False
 
     @property
     def eases(self) -> bool:
@@ -232,7 +233,7 @@ def controller_step(
     kept, lag = dict[str, Any](), list[Any]()
     if mode.governed:
         run.section("Joints that are far from the command are shown one that brings them back slowly")
-        r, *lag, kept = brought_back(run, tracked, mode, (y, estimate), r, means, memory, data)
+        r, *lag, kept = brought_back(run, tracked, mode, (y, estimate), r, means, memory, data, estimator)
     active: Any = None
     run.section("Tracked positions, their integrals, and the law's argument")
     point, operating_input, relief = data.operating_point, data.operating_input, data.integral_relief
