@@ -84,8 +84,8 @@ class StepMode:
     governed: tuple[tuple[int, ...], ...] = ()
     resisted: tuple[int, ...] = ()
     turned: tuple[tuple[float, ...], ...] = ()
-    protected: Watch | None = None
     curved: bool = False
+    protected: Watch | None = None
 
     @property
     def eases(self) -> bool:
