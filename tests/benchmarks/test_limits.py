@@ -388,7 +388,7 @@ def test_where_a_pd_is_better_is_said(tmp_path: Path) -> None:
         },
     }
     (tmp_path / "scara.json").write_text(json.dumps(rows), encoding="utf-8")
-    far, followed_by, oftener, nearer, sooner, rule, _ = TABLES["short"](tmp_path).splitlines()[2:]
+    far, followed_by, oftener, nearer, sooner, rule, *_ = TABLES["short"](tmp_path).splitlines()[2:]
     assert re.findall(r"\d+", far) == ["2", "0", "5", "30", "50"]
     assert not re.findall(r"\d+", oftener)
     assert re.findall(r"\d+", nearer) == ["3", "4"]

@@ -38,7 +38,6 @@ from flexhinf.numerals import number, number_text
 from flexhinf.processors import thread_count
 from flexhinf.validation import checked_path, read_text, value_text
 
-#: A file of the first version does not name its controller.
 _FORMAT, _VERSION = "flexhinf certificate", 2
 _LARGEST = 8_000_000  # bytes: degree 8 in five states takes 200 kB
 
@@ -396,8 +395,7 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         *[f"Parameters, nominal: {', '.join(fixed)}."] * bool(fixed),
         f"Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
         f"Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
-        f"true state{fed}, in continuous time.",
-        f"Controller: {claim.controller}.",
+        f"true state{fed}, in continuous time. Controller: {claim.controller}.",
         f"  R2 = [{'; '.join(' '.join(map(repr, row)) for row in claim.r2)}]",
         *(
             f"  {name} = {_row(polynomial, claim.states, len(polynomial))}"

@@ -53,7 +53,7 @@ def shown(
     command = moving.copy()
     command[:n] = there
     expected = moving + np.concatenate(robot.operating_point(there, extras)) - rest
-    return statics.shown(moving, command, model.parameters.vector(), *curves), expected
+    return statics.shifted(moving, command, model.parameters.vector(), *curves), expected
 
 
 @pytest.mark.parametrize("kind", ["plain", "coupled", "both coupled", "curved", "by position", "all"])
@@ -78,7 +78,7 @@ def test_the_payload_of_the_model_is_in_it() -> None:
     bare = fh.load_robot("planar-two-link").plant(BOTH)
     statics, r = statics_of(bare), np.concatenate(loaded.operating_point(here))
     command = np.concatenate([there, r[2:]])
-    more = [statics.shown(r, command, robot.plant(BOTH).parameters.vector()) - r for robot in
+    more = [statics.shifted(r, command, robot.plant(BOTH).parameters.vector()) - r for robot in
             (loaded, fh.load_robot("planar-two-link"))]  # fmt: skip
     assert more[0] == pytest.approx(np.concatenate(loaded.operating_point(there)) - r, abs=1e-12)
     assert np.abs(more[0] - more[1]).max() > 0.1
@@ -87,7 +87,7 @@ def test_the_payload_of_the_model_is_in_it() -> None:
 def test_a_command_that_is_shown_where_it_is_stays_bit_for_bit(tmp_path: Path) -> None:
     robot = belt(tmp_path)
     statics, r = statics_of(robot.plant(BOTH)), np.random.default_rng(0).normal(size=10)
-    assert np.array_equal(statics.shown(r, r.copy(), robot.plant(BOTH).parameters.vector()), r)
+    assert np.array_equal(statics.shifted(r, r.copy(), robot.plant(BOTH).parameters.vector()), r)
 
 
 def test_models_that_are_no_such_robots_have_none() -> None:

@@ -35,9 +35,8 @@ from flexhinf.estimation.stationary import stationary_covariance
 from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
 from flexhinf.loop.controller.governor import HEARD
 from flexhinf.modal import ModalLaw, PairGains
-from flexhinf.plant import Parameters
-from flexhinf.robot import Robot, elastic
-from flexhinf.robot.gears import CURVE, over_stiffness
+from flexhinf.robot import Robot
+from flexhinf.robot.elastic import stated_curves
 from flexhinf.robot.parameters import PlantValues, random_signs
 from flexhinf.robot.workspace import Workspace
 
@@ -259,23 +258,9 @@ class WorkspaceSetup(LoopPlants):
         speed, space = BACK * self._speed, self.workspace
         distance = np.clip(FAR_TIME * self._speed, *np.multiply.outer(FAR, self._radian))
         rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
-        most = None if self.resistance is None else self.resistance.tolist()
-        return Governor(
-            *(row.tolist() for row in rows),
-            resistance=most,
-            coupling=self.robot.coupling or None,
-            curves=self._curves,
-        )
-
-    @property
-    def _curves(self) -> list[list[float]] | None:
-        """Curves of the springs (5, n), which commands have and the model has straight; None of straight ones."""
-        values = self.robot.plant_parameters()
-        if not elastic.stated_curve(values):
-            return None
-        table = np.ones((len(CURVE), len(self.joints)))
-        table[:, self.robot.layout.elastic] = over_stiffness(Parameters(values))
-        return table.tolist()
+        own: dict[str, Any] = {"resistance": None if self.resistance is None else self.resistance.tolist()}
+        own["curves"] = stated_curves(self.robot.plant_parameters(), self.robot.layout)
+        return Governor(*(row.tolist() for row in rows), coupling=self.robot.coupling or None, **own)
 
     @cached_property
     def resistance(self) -> np.ndarray | None:

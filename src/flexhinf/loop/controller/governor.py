@@ -281,7 +281,7 @@ def brought_back(
     )
     if (statics := Statics.of(estimator, mode.own)) is not None:
         curves = [data.governor_curves] if mode.curved else []
-        command = run.call(statics.shown, r, command, data.parameters, *curves)
+        command = run.call(statics.shifted, r, command, data.parameters, *curves)
     return command, lag, kept
 
 
@@ -362,7 +362,9 @@ def governed(
         moving = seen - goal, estimate[turning], rate, AWAY * own[0]
         unlike = 1.0 if push is None else where(absolute(push) > 1.0, load, 0.0)
         runs = where(share < 1.0, 0.0, is_far * _runs_away(*moving))
-        flag = _pushed(flag, runs, where(some, 1.0, free * maximum(unlike, _rests(flag, rate))), period[0])
+        flag = _pushed(
+            flag, runs, where(some, 1.0, free * maximum(unlike, _stands_near(flag, rate))), period[0]
+        )
         pushed = flag > 1.0
         share = where(pushed, 1.0, share)
         held = where(pushed, np.inf, distance * share), where(share < 1.0, np.inf, period[0] * own[0])
@@ -394,7 +396,7 @@ def _runs_away(lag: Any, speed: Any, commanded: Any, fast: Any) -> Any:
     return where(side * speed - maximum(side * commanded, 0.0) > fast, 1.0, 0.0)
 
 
-def _rests(flag: Any, rate: Any) -> Any:
+def _stands_near(flag: Any, rate: Any) -> Any:
     """1 of a joint that is not brought back, with a command that stands, else 0."""
     return where(flag > 0.5, 0.0, where(absolute(rate) > 0.0, 0.0, 1.0))
 

@@ -30,19 +30,19 @@ from flexhinf.scalars import apply, clip
 class Statics:
     """Equilibria of a robot with the states that a law reads."""
 
-    rest: ca.Function  # (q, parameters) → state and input at rest, of the model
+    standstill: ca.Function  # (q, parameters) → state and input at rest, of the model
     links: tuple[int, ...]  # places of the link positions in the law's state
     motors: tuple[
         tuple[int, int, int], ...
     ]  # with a spring: joint, place in the law's state, and in the model's
     coupling: np.ndarray  # T
-    holds_positions: bool  # whether inputs are positions of motors, which move with the twists
+    takes_positions: bool  # whether inputs are positions of motors, which move with the twists
 
     @staticmethod
     def of(estimator: Estimator | None, own: Sequence[int]) -> Statics | None:
         """That of an estimator's model, of whose states the law's are those at `own`, () where they are the same; None
         without one, where `standstill_function` knows no equilibria, or the law does not read all positions."""
-        if estimator is None or (rest := standstill_function(model := estimator.plant)) is None:
+        if estimator is None or (standstill := standstill_function(model := estimator.plant)) is None:
             return None
         links, _, motors, _ = joint_places(model)
         read = {place: k for k, place in enumerate(own or range(model.n))}
@@ -51,7 +51,7 @@ class Statics:
             return None
         turned = coupling_of(model)
         return Statics(
-            rest,
+            standstill,
             tuple(read[link] for link in links),
             tuple((k, read[motors[k]], int(motors[k])) for k in elastic),
             np.eye(len(links)) if turned is None else turned,
@@ -59,11 +59,11 @@ class Statics:
         )
 
     @gives("governed_command")
-    def shown(self, r: Any, command: Any, parameters: Any, *curves: Any) -> Any:
+    def shifted(self, r: Any, command: Any, parameters: Any, *curves: Any) -> Any:
         """The command (n + m,) at whose link positions a robot rests as it does at those of r; with `curves` (5, k) of
         the springs."""
         found, inputs = list(command), len(self.links)
-        there, here = (self._rest(x, parameters, *curves) for x in (command, r))
+        there, here = (self._standstill(x, parameters, *curves) for x in (command, r))
         moved = there - here
         for _, motor, place in self.motors:
             found[motor] = r[motor] + moved[place]
@@ -71,15 +71,15 @@ class Statics:
             found[k] = r[k] + moved[k]
         return np.array(found)
 
-    def _rest(self, x: Any, parameters: Any, *curves: Any) -> Any:
+    def _standstill(self, x: Any, parameters: Any, *curves: Any) -> Any:
         """State and input at rest at the link positions of a command."""
         q = np.array([x[place] for place in self.links])
-        found = list(apply(self.rest, q, parameters)[0])
+        found = list(apply(self.standstill, q, parameters)[0])
         for joint, _, place in self.motors if curves else ():
             twist = found[place] - self.coupling[joint] @ q
             more = _curved(twist, *curves[0][:, joint]) - twist
             found[place] = found[place] + more
-            if self.holds_positions:
+            if self.takes_positions:
                 input = joint - len(q)
                 found[input] = found[input] + more
         return np.array(found)
