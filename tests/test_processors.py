@@ -101,7 +101,7 @@ def blas_threads() -> set[int]:
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}  # pyright: ignore
 
 
-class Told(Exception):
+class RunCounts(Exception):
     """The first thing that a call does, with the threads that BLAS has then."""
 
     def __init__(self, *_: object) -> None:
@@ -109,20 +109,20 @@ class Told(Exception):
 
 
 def tell(*_: object) -> None:
-    raise Told
+    raise RunCounts
 
 
 class Probe:
     """A robot, a loop or a solution of which anything is asked."""
 
     def __getattr__(self, name: str) -> Any:
-        raise Told
+        raise RunCounts
 
     def __fspath__(self) -> str:
-        raise Told
+        raise RunCounts
 
     def __repr__(self) -> str:
-        raise Told
+        raise RunCounts
 
 
 ARM = "planar-two-link"
@@ -149,7 +149,7 @@ def test_a_long_call_has_one_thread_of_blas_and_then_the_users_number(
 ):
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     with threadpool_limits(2, "blas"):
-        with pytest.raises((Told, fh.InvalidInput), match=r"\{1\}"):
+        with pytest.raises((RunCounts, fh.InvalidInput), match=r"\{1\}"):
             LONG_CALLS[call]()
         assert blas_threads() == {2}
     assert "OPENBLAS_NUM_THREADS" not in os.environ

@@ -194,11 +194,11 @@ class Held:
     status = 0
 
     def start(self, q: np.ndarray) -> None:
-        self.began, self.told = q, list[Any]()
+        self.began, self.counts = q, list[Any]()
 
     def step(self, y: np.ndarray, reference: Any) -> np.ndarray:
         self.status |= 4
-        self.told.append(y)
+        self.counts.append(y)
         return reference.input
 
 

@@ -331,7 +331,7 @@ def test_bounds_of_gravity_hold_the_model_with_which_a_filter_predicts(found):
 def test_large_motions_are_of_one_joint_whose_gravity_is_shown(found, monkeypatch):
     """A file says of them only beside an arm of one joint; an arm of two, or none, is more than the certificate."""
     pairs = CheckedPairs(1.0, 1e9, 0.9, 9.0, 0.0, 0.0, 9.0, 9.0, 0.0, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)
-    monkeypatch.setattr(proof, "pair_claim", lambda numbers: SimpleNamespace())
+    monkeypatch.setattr(proof, "pair_claim", lambda numbers: SimpleNamespace(seen=None))
     monkeypatch.setattr(proof, "check_pairs", lambda claim, every: pairs)
     arm = found["planar-two-link"].arm
     for numbers in ({}, {"arm": arm}):

@@ -84,7 +84,7 @@ def taken_over(control: Any, driven: Driven, samples: int = 1000) -> tuple[np.nd
 
 @pytest.mark.ci("designs a controller, and two runs of 4 s")
 def test_the_input_continues_and_the_arm_stays(library: CompiledController, driven: Driven) -> None:
-    """Told, the input goes on as it was; untold, it jumps to the limit at once and the arm leaves its place."""
+    """RunCounts, the input goes on as it was; untold, it jumps to the limit at once and the arm leaves its place."""
     library.reset(driven.state, [driven.input])
     inputs, positions = taken_over(library, driven)
     assert inputs[1] == pytest.approx(driven.input, abs=1e-9)
@@ -170,7 +170,8 @@ def led(request: pytest.FixtureRequest) -> Arm:
 def test_a_controller_of_a_workspace_takes_over(
     start: str, jump: float, workspace: fh.Controller, led: Arm, compiler: str, tmp_path: Path
 ) -> None:
-    """Told, the first input changes by what the load makes of it, or not at all where the design begins without a jump;
+    """RunCounts, the first input changes by what the load makes of it, or not at all where the design begins without
+    a jump;
     untold, it jumps by 10 times as much, the governor notwithstanding. Python, told the same, gives the same bits."""
     controller = workspace.fresh(start=start)
     one = fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so"))

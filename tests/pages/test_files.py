@@ -21,7 +21,7 @@ Make = Callable[[str], PoseEvidence]
 
 
 @pytest.mark.parametrize(
-    ("failure", "linear", "told"),
+    ("failure", "linear", "stop_record"),
     [("", None, ""), ("no gains", None, "no gains"), ("", "", ""), ("", "no equilibrium", "no equilibrium"),
      ("misses a limit", "no equilibrium", "misses a limit")],
 )  # fmt: skip

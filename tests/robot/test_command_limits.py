@@ -19,7 +19,7 @@ import flexhinf as fh
 from flexhinf.design.judgement import limit_requirements, saturation_requirement
 from flexhinf.design.monte_carlo import RunMetrics, changes_reduction
 from flexhinf.design.plans import plan_commands, quintic_move, stated_move
-from flexhinf.design.responses import Response, joint_limits
+from flexhinf.design.responses import CLAMPED, Response, joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.export.feedforward import export_feedforward
 from flexhinf.loop import Instant, JerkLimited
@@ -55,8 +55,11 @@ def test_a_file_states_them_in_the_unit_of_the_command(robot_of):
     assert robot.command_rates == pytest.approx((np.pi / 2.0, np.inf))
     assert robot.command_accelerations == (np.inf, 30.0)
     limits = joint_limits(robot, S)
-    assert limits.input_rate == pytest.approx(robot.command_rates)
-    assert joint_limits(robot_of(""), S).input_rate is None
+    clamp = (
+        CLAMPED * 8.0
+    )  # no command of a position runs faster than this multiple of its joint's speed limit
+    assert limits.input_rate == pytest.approx((np.pi / 2.0, clamp))
+    assert joint_limits(robot_of(""), S).input_rate == pytest.approx((clamp, clamp))
     current = robot_of("torque_constant = 2.0\ndrive_rate_limit = '5 A/s'", drive="")
     assert current.command_rates == (5.0, 5.0)
     with refused_with(InvalidInput, "drive_rate_limit", "rad/s", "5 A/s"):
@@ -109,7 +112,8 @@ def test_a_run_is_judged_by_them(robot_of):
     ramp = np.column_stack([0.0 * t, np.clip(2.0 * t, 0.0, 2.0)])
     (stays,) = saturation_requirement(joint_limits(robot, S), [response(ramp)], "here")
     assert (stays.found, stays.joint) == (pytest.approx(1.0), "b")
-    assert saturation_requirement(joint_limits(robot_of(""), S), [response(ramp)], "here") == []
+    (free,) = saturation_requirement(joint_limits(robot_of(""), S), [response(ramp)], "here")
+    assert (free.found, free.met) == (0.0, True)
 
 
 def test_a_campaign_at_a_pose_requires_them_and_computes_what_a_run_is_judged_by(robot_of):

@@ -206,11 +206,11 @@ def _doubtful_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
 
 
 def _stopped(run: Trajectory) -> dict[str, float]:
-    return {"stop_sample": float(run.told.stop_sample), "stop_reasons": float(run.told.stop_bits)}
+    return {"stop_sample": float(run.counts.stop_sample), "stop_reasons": float(run.counts.stop_bits)}
 
 
 def _stopped_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
-    return {"stop_sample": result.told.stop_sample, "stop_reasons": result.told.stop_bits}
+    return {"stop_sample": result.counts.stop_sample, "stop_reasons": result.counts.stop_bits}
 
 
 STANDARD_UNITS = {

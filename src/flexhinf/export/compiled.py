@@ -29,7 +29,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
-from flexhinf.loop.controller.memory import Told
+from flexhinf.loop.controller.memory import RunCounts
 from flexhinf.loop.controller.stop import Stop
 from flexhinf.validation import (
     checked_path,
@@ -102,7 +102,7 @@ def compile_controller(
         ],
         "bits": [int(bit) for bit in code.flags],
         "rejected": code.rejected,
-        "told": Told.places(c.memory.places),
+        "stop_record": RunCounts.places(c.memory.places),
     }
     entry: File[ControllerCode] = File(
         "entry.c",
@@ -298,7 +298,7 @@ class CompiledController:
         self._status_places: list[int | None] = about["status"]
         self._bits = np.array(about["bits"], dtype=float)
         self._rejected_place: int | None = about.get("rejected")
-        self._told_places = [(int(row), int(place)) for row, place in about["told"]]
+        self._count_places = [(int(row), int(place)) for row, place in about["stop_record"]]
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -395,22 +395,22 @@ class CompiledController:
     @property
     def status(self) -> int:
         """The bits of `Controller.status`: the memory is the first part of the state."""
-        place, doubts = self._status_places[0], [at for row, at in self._told_places if row == 0]
+        place, doubts = self._status_places[0], [at for row, at in self._count_places if row == 0]
         watched = 0 if place is None else int(self._state[place : place + len(self._bits)] @ self._bits)
         return watched | int(16.0 * self._state[doubts[0] - 1]) if doubts else watched
 
     @property
-    def told(self) -> Told:
-        """As `Controller.told`."""
+    def counts(self) -> RunCounts:
+        """As `Controller.counts`."""
         counts = [0.0, 0.0, 0.0]
-        for row, place in self._told_places:
+        for row, place in self._count_places:
             counts[row] = float(self._state[place])
-        return Told(*counts)
+        return RunCounts(*counts)
 
     @property
     def doubtful_samples(self) -> int:
         """As `Controller.doubtful_samples`."""
-        return int(self.told.doubtful)
+        return int(self.counts.doubtful)
 
     @property
     def rejected(self) -> np.ndarray:

@@ -112,7 +112,8 @@ PARTS = {
     "reading_steps": "steps of the values of measurements; infinite: its prediction tells no repeated frame",
     "reading_windows": "shares of a change in the mean speed of a measurement",
     "fastest": "largest speed of each measurement, per s",
-    "ways": "of each tracked position: where its own way away from its command begins to count, and how long it may be",
+    "distances": "of each tracked position: where its own way away from its command begins to count, and its "
+    "longest",
     "swing_sizes": "of each input: smallest swing that counts where it grows, and that counts always",
     "motor_rates": "accelerations of motors per input, position, twist, speed, and speed of the twist",
     "motor_spreads": "by how much these differ at the ends of tolerances",
@@ -177,8 +178,8 @@ MEMORY = {
     "swung": "of each input: what is counted of large and growing swings",
     "misplaced": "1 where the robot was not where the controller began",
     "pauses": "long pauses of the loop, of which a part is forgotten in each sample",
-    "told": "samples so far, the first one at which a sign would stop the robot, and which",
-    "pace": "of encoders of motors that nothing contradicts: when they changed last",
+    "stop_record": "samples so far, the first one at which a sign would stop the robot, and which",
+    "standstill": "of encoders of motors that nothing contradicts: when they changed last",
 }
 
 #: Rows of the parts that are tables.
@@ -200,7 +201,7 @@ ROWS = {
         "repeated_frame": "likewise",
         "sensor_lost": "likewise",
         "inconsistent": "likewise",
-        "running_away": "likewise",
+        "runaway": "likewise",
         "too_fast": "likewise",
         "opposed": "likewise",
         "oscillating": "likewise",
@@ -230,7 +231,7 @@ ROWS = {
         "way": "own way away from the command",
         "long": "samples for which it is too long",
     },
-    "pace": {
+    "standstill": {
         "speed": "their speed then",
         "input": "the input then",
         "pushed": "samples for which the input has differed enough to move the motor",

@@ -65,7 +65,7 @@ AWAY, AWAY_SLIDING = 0.08, 0.008
 ACCELERATION = 50.0
 
 #: Times its weight that a drive holds at least, and by how much it accelerates a joint then, rad/s² or m/s².
-LEAST = 1.2, 10.0
+SMALLEST = 1.2, 10.0
 
 #: Share of an input's range that a swing has which counts always; times the smallest one where it has no range.
 LARGE, TIMES = 0.5, 5.0
@@ -142,8 +142,8 @@ class _Protected:
             speed=fastest.tolist(),
             window=window.tolist(),
             step=np.where([self.is_position(name) for name in c.measured], steps, np.inf).tolist(),
-            distance=self.ways[0].tolist(),
-            travel=self.ways[1].tolist(),
+            distance=self.distances[0].tolist(),
+            travel=self.distances[1].tolist(),
             swing=self.swings.tolist(),
             damping=self.braking[0].tolist(),
             response=self.response.tolist(),
@@ -406,7 +406,7 @@ class _Protected:
         stated = self.robot.plant_parameters().get("drive_torque_limit", UNLIMITED)
         limit = np.broadcast_to(np.asarray(stated, dtype=float), self.n)
         inertia = self.link_inertia + self.motor_inertia
-        torque = np.where(limit < UNLIMITED, limit, LEAST[0] * self.weights + LEAST[1] * inertia)
+        torque = np.where(limit < UNLIMITED, limit, SMALLEST[0] * self.weights + SMALLEST[1] * inertia)
         most = torque / np.where(self.elastic, self.motor_inertia, np.inf)
         return most, np.where(limit < UNLIMITED, UNSTATED, 1.0)
 
@@ -467,7 +467,7 @@ class _Protected:
         return np.array(governor.resistance) * self.link_inertia
 
     @property
-    def ways(self) -> Matrix:
+    def distances(self) -> Matrix:
         """Distances from the commands where own ways begin to count, and how long these may be (2, k)."""
         c = self.controller
         slides = dict(zip(self.signals("link_position"), self.robot.links.slides))

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Trajectory
-from flexhinf.loop.controller.memory import Told
 from flexhinf.loop.signals.references import SignalLike
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
@@ -320,7 +319,7 @@ class _Clock:
 
     estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
     path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
-    told: Told = property(attrgetter("_stepped.told"))  # pyright: ignore[reportAssignmentType]
+    counts: Any = property(attrgetter("_stepped.counts"))
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""

@@ -17,6 +17,7 @@ from flexhinf.notebook import Pictured, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant, StateWeights
 from flexhinf.plant.parameters import ParameterValues
 from flexhinf.robot.arm import Arm, Links, Pendulum
+from flexhinf.robot.brakes import checked_brakes
 from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
@@ -69,7 +70,6 @@ from flexhinf.validation import (
     one_of,
     real_array,
     real_number,
-    value_text,
 )
 
 
@@ -171,14 +171,7 @@ class Robot(Pictured):
             self, "coupling", checked_coupling(self.name, self.coupling, self.joint_names, self.rigid)
         )
         check_sensors(self.name, self.sensors, self.joint_names, self.rigid)
-        brakes: tuple[object, ...] = tuple(self.brakes) or (False,) * len(self.joint_names)
-        refuse_if(
-            len(brakes) != len(self.joint_names) or not all(type(brake) is bool for brake in brakes),
-            f"The brakes of the robot {self.name!r} do not fit its joints.",
-            f"expected True or False for each of {list(self.joint_names)}, got {value_text(self.brakes)}",
-            "brakes=() for a robot without any; in a robot file brakes = true of a [[joint]]",
-        )
-        object.__setattr__(self, "brakes", brakes)
+        object.__setattr__(self, "brakes", checked_brakes(self.name, self.brakes, self.joint_names))
         names = [parameter.name for parameter in self.parameters]
         needed = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names, self.rigid))
         missing = [name for name in needed if name not in names]
@@ -550,24 +543,18 @@ class Robot(Pictured):
     def dry_by_viscous(self) -> dict[str, str]:
         """Names of dry friction that states no tolerance, and of the viscous friction of the same joint, in proportion
         to which it varies."""
-        joints, own = (
-            self.joint_names,
-            {p.name for p in self.parameters if p.tolerance or p.range is not None},
-        )
-        pairs = [
-            tuple(per_joint(name, joint, len(joints)) for name in (EXTRAS[kind], "friction"))
-            for kind in DRY for joint in joints
-        ]  # fmt: skip
+        joints = self.joint_names
+        own = {p.name for p in self.parameters if p.tolerance or p.range is not None}
+        kinds = [((EXTRAS[kind], "friction"), joint) for kind in DRY for joint in joints]
+        pairs = [tuple(per_joint(name, joint, len(joints)) for name in names) for names, joint in kinds]
         return {dry: wet for dry, wet in pairs if dry in {*self.nominal} - own and self.nominal[wet] > 0.0}
 
     def varied(self, values: Mapping[str, Number]) -> PlantValues:
         """Parameters of a plant, those of `values` in place of the nominal ones, with `dry_by_viscous`; names that are
         not the robot's are left out. Values may be arrays (N,), of N robots; so are then all parameters, (N, …)."""
         own = {name: value for name, value in values.items() if name in self.nominal}
-        dry = {
-            name: self.nominal[name] * own[wet] / self.nominal[wet]
-            for name, wet in self.dry_by_viscous.items() if wet in own
-        }  # fmt: skip
+        wet = {name: by for name, by in self.dry_by_viscous.items() if by in own}
+        dry = {name: self.nominal[name] * own[by] / self.nominal[by] for name, by in wet.items()}
         whole = {**self.nominal, **dry, **own}
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         if not shape:
@@ -608,5 +595,5 @@ class Robot(Pictured):
     def random_corners(self, count: int, seed: int) -> list[PlantValues]:
         """Parameters as of `corner` at random corners of the tolerances (`corner_groups`); none without tolerances."""
         groups, alone = corner_groups(self.uncertain)
-        signs = random_signs(len(groups), count if groups else 0, seed)
-        return [self.corner(row) for row in (signs @ alone).tolist()]
+        signs = random_signs(len(groups), count if groups else 0, seed) @ alone
+        return [self.corner(row) for row in signs.tolist()]

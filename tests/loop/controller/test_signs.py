@@ -84,7 +84,7 @@ def runs(
         "stop": controller.stop,
         "after": first - AT if first else None,
         "q": np.array(q),
-        "told": controller.told,
+        "stop_record": controller.counts,
     }
 
 
@@ -132,11 +132,11 @@ def test_a_fault_is_noticed_before_the_arm_has_gone_far(fault: str) -> None:
     """Within 50 ms, or before the link is 0.1 rad from where it would be without it."""
     plain, found = runs(made(), lambda arm, y, k: y), runs(made(), FAULTS[fault])
     assert not plain["stop"]
-    assert plain["told"].stop_sample == 0
+    assert plain["stop_record"].stop_sample == 0
     assert found["after"] is not None
     gone = np.abs(found["q"] - plain["q"])[: AT + found["after"] + 1].max()
     assert found["after"] <= 50 or gone < 0.1
-    assert found["told"].stop_sample > 0 or found["stop"] & (Stop.STEP_FAILED | Stop.WRONG_PERIOD)
+    assert found["stop_record"].stop_sample > 0 or found["stop"] & (Stop.STEP_FAILED | Stop.WRONG_PERIOD)
 
 
 @pytest.mark.oracle
@@ -172,8 +172,8 @@ def test_nothing_stops_for_a_reason_that_does_not_count() -> None:
     free = one.fresh(protection=replace(one.protection, stop_on=("too_fast",)))
     found = runs(free, read(0, lambda y, k: y + 0.3))
     assert not found["stop"]
-    assert found["told"].stop_sample == 0
-    assert runs(free, read(0, lambda y, k: y + 0.3), seconds=0.43)["told"].stop_sample == 0
+    assert found["stop_record"].stop_sample == 0
+    assert runs(free, read(0, lambda y, k: y + 0.3), seconds=0.43)["stop_record"].stop_sample == 0
     assert fh.Status.SENSOR_LOST in free.status
 
 
@@ -270,4 +270,4 @@ def test_power_and_reasons_are_those_of_the_compiled_controller(tmp_path: Any) -
         u = controller.output
         assert library.output == pytest.approx(u, abs=1e-9), k
     assert controller.stop
-    assert library.told == controller.told
+    assert library.counts == controller.counts

@@ -18,19 +18,22 @@ from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
-from flexhinf.errors import ControllerInUse, FlexhinfError, InvalidInput
+from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.arguments import options_of
 from flexhinf.loop.controller.backlash import Backlash
+from flexhinf.loop.controller.bumpless import STEPS
+from flexhinf.loop.controller.control_system import control_system
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
-from flexhinf.loop.controller.governor import Governor, first_of_joints
+from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.keywords import ControllerOptions, Range, RangeAndRate
 from flexhinf.loop.controller.law_code import LawCode, law_slope
-from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
+from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source
 from flexhinf.loop.controller.memory import (
+    RunCounts,
     StateHistory,
-    Told,
     VectorLayout,
     braking_place,
     filler,
@@ -54,16 +57,13 @@ from flexhinf.loop.controller.options import (
     dead_zone,
 )
 from flexhinf.loop.controller.protection import Pausing, Protection
-from flexhinf.loop.controller.readings import Readings, believable, first_readings
-from flexhinf.loop.controller.signs import first_signs
-from flexhinf.loop.controller.slowing import voters_of
-from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
-from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
-from flexhinf.loop.controller.step import STEPS, StepMode, controller_step
-from flexhinf.loop.controller.stop import Stop, decided, first_stop, reasons, stop_numbers
+from flexhinf.loop.controller.readings import Readings, believable
+from flexhinf.loop.controller.standstill import first_values, standstill_memory, velocity_places
+from flexhinf.loop.controller.status import Status, Supervision, status_of, watched_numbers
+from flexhinf.loop.controller.step import StepMode, controller_step
+from flexhinf.loop.controller.stop import Stop, decide
 from flexhinf.notebook import Summarised
-from flexhinf.plant import Estimator, Law, python_control
-from flexhinf.plant.plant import equilibrium_at
+from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import read_only, real_array, value_text
 
@@ -198,8 +198,8 @@ class Controller(Summarised):
         compensated = compensated_places(compensate, solution, estimator)
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
-        self.supervision, self._windup_option, self.governor = supervision, windup, governor
-        self.protection = protection
+        self.supervision, self._windup_option = supervision, windup
+        self.governor, self.protection = governor, protection
         self.dry_friction, self.backlash, own = dry_friction, backlash, self.estimated_states.places
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
@@ -219,8 +219,7 @@ class Controller(Summarised):
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
         )  # fmt: skip
         if protection is not None:
-            watch = protection.watch(estimator, solution.input_names, self.measurement_limits, supervision)
-            self.mode = replace(self.mode, protected=watch)
+            self.mode = replace(self.mode, protected=protection.watch(self))
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
@@ -248,7 +247,9 @@ class Controller(Summarised):
         `fused`: Its steps, in a `Loop` too, have the bits of exported C with (True) or without (False) fused
         multiply-adds; None: as of this one, at first those of the processor. Pickles keep it, files do not.
         """
-        other = Controller(self.law, self.estimator, self.period, **dict[str, Any](self._options, **options))
+        other = Controller(
+            self.law, self.estimator, self.period, **dict[str, Any](options_of(self), **options)
+        )
         other.fused = self.fused if fused is None else bool(fused)
         return other
 
@@ -256,23 +257,6 @@ class Controller(Summarised):
         """A copy as `fresh`, whose step is always composed of pieces in loops: less code, other roundings."""
         (other := self.fresh())._always_in_pieces = True
         return other
-
-    @property
-    def _options(self) -> dict[str, Any]:
-        mode, limits, command = self.mode, self.limits, self.command_limits
-        return {
-            "moving": mode.moving, "start": mode.start, "blend_time": self.blend_time_option, "latency": mode.latency,
-            "before_first": self.first_input.option, "saturation": (limits.lower, limits.upper),
-            **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
-            **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
-               if mode.limits_command else {}),
-            **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
-            **({"offset_time": self.offset_time} if mode.has_offset else {}),
-            **{name: each for name in NAMED if (each := getattr(self, name))},
-            **({"measurement_limits": self.measurement_limits} if mode.checks_measurements else {}),
-            **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
-            **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),
-        }  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file (no suffix is added), whole or not at all; see `flexhinf.load_controller`.
@@ -282,22 +266,14 @@ class Controller(Summarised):
 
         An InvalidInput names a law or an estimator that cannot be saved, or says that the place cannot be written.
         """
-        write_controller(path, self.law, self.estimator, self.period, self._options)
+        write_controller(path, self.law, self.estimator, self.period, options_of(self))
 
     def to_control(self) -> Any:
         """The controller as a system of python-control (``nlsys`` with ``dt``): measurements ``y_…`` and commands
         ``r_…`` in, inputs out; u of a sample depends on y of the same sample, and acts `latency` samples later.
 
         Its states are those of `memory`, `initial_memory` at the start. Needs the extra ``control``."""
-        p = len(self.measured)
-        return python_control().nlsys(
-            lambda t, memory, v, params: self.evaluate(v[:p], v[p:], memory)[1],
-            lambda t, memory, v, params: self.evaluate(v[:p], v[p:], memory)[0],
-            inputs=[*(f"y_{name}" for name in self.measured), *(f"r_{name}" for name in self.commanded)],
-            outputs=list(self.law.input_names),
-            states=[f"memory[{k}]" for k in range(self.memory.size)],
-            dt=self.period,
-        )
+        return control_system(self)
 
     def evaluate(self, y: Numbers, r: Numbers, memory: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Input (m,) and next memory (s,) of one sample; the controller's own memory does not change."""
@@ -312,7 +288,7 @@ class Controller(Summarised):
     @cached_property
     def memory(self) -> VectorLayout:
         """Layout of the memory that one step passes to the next."""
-        return VectorLayout(self._initial_values())
+        return VectorLayout(first_values(self))
 
     @cached_property
     def data(self) -> VectorLayout:
@@ -352,7 +328,7 @@ class Controller(Summarised):
         if pose is not None:
             kept = self.law, self.estimator, self.estimated_states, self.limits, self.mode.moving
             x, u, own = standstill_memory(*kept, pose)
-            start = self._initial_values(x if self.estimator else None, u if input is None else input)
+            start = first_values(self, x if self.estimator else None, u if input is None else input)
             return self.memory.flat(start | own)
         if state is not None and self.estimator is None:
             raise InvalidInput(
@@ -360,27 +336,7 @@ class Controller(Summarised):
                 f"expected state=None, got {value_text(state)}",
                 "reset(); the state of the plant is the loop's initial_state",
             )
-        return self.memory.flat(self._initial_values(state, input))
-
-    def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
-        estimator, mode, zeros = self.estimator, self.mode, np.zeros(len(self.tracked))
-        belief: dict[str, Any] = {}
-        if estimator is not None:
-            belief["belief"] = list(estimator.initial if state is None else estimator.initial_at(state))
-        u = self.input_before(input, state)
-        return {
-            **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
-            "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
-            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **first_of_joints(mode, zeros),
-            **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
-            **first_counters(len(u), len(zeros), mode.reactions, mode.protected is not None),
-            **(first_signs(mode.protected, u, zeros) if mode.protected else {}),
-            **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
-            **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
-            **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
-            **({"doubt": np.zeros(2)} if self.doubts else {}),
-            **({"readings": first_readings(len(self.measured))} if mode.checks_measurements else {}),
-        }  # fmt: skip
+        return self.memory.flat(first_values(self, state, input))
 
     # Code -----------------------------------------------------------------------------------------
     @cached_property
@@ -547,14 +503,14 @@ class Controller(Summarised):
 
     @property
     def doubtful_samples(self) -> int:
-        """At how many samples since the start the estimate was in doubt, see `flexhinf.loop.controller.status`; 0 of an
+        """Samples since the start at which the estimate was in doubt, see `flexhinf.loop.controller.status`; 0 of an
         estimator that does not say. A filter in the covariance form says no more than that P was repaired."""
-        return int(self.told.doubtful)
+        return int(self.counts.doubtful)
 
     @property
-    def told(self) -> Told:
+    def counts(self) -> RunCounts:
         """Counts since the start."""
-        return Told.in_memory(self.memory.places, self._history.memory)
+        return RunCounts.in_memory(self.memory.places, self._history.memory)
 
     @property
     def rejected(self) -> np.ndarray:
@@ -570,42 +526,20 @@ class Controller(Summarised):
         """Whether the drives may have power, to be asked after each step, also one that raised, and obeyed: then
         `output` is what acts. A reason that was there once, see `stop`, stays until `reset`; steps go on as before. It
         is the decision of the exported C, see `flexhinf.loop.controller.stop`."""
-        history, protection = self._history, self.protection
-        kept = history.stop or first_stop(history.memory[self.memory.places["u"]])
-        drive, numbers = stop_numbers(self)
-        flags = reasons(self, history)
-        hold = self._holding(kept.last) if flags.any() and not kept.reasons.any() else kept.last
-        category = 0.0 if protection is None else protection.category
-        u = history.memory[self.memory.places["u"]]
-        readings = None if protection is None else self.memory.named(history.memory).readings
-        _, history.stop = decided(drive, kept, flags, u, hold, readings, voters_of(self), category, numbers)
-        return bool(history.stop.power[0] > 0.0)
+        self._history.stop = decide(self, self._history)
+        return bool(self._history.stop.power[0] > 0.0)
 
     @property
     def stop(self) -> Stop:
         """Why the drives may not act any more, since `reset`."""
         kept = self._history.stop
-        return (
-            Stop(0) if kept is None else Stop(sum(one for one, flag in zip(Stop, kept.reasons) if flag > 0.0))
-        )
+        return Stop(0 if kept is None else sum(one for one, flag in zip(Stop, kept.reasons) if flag > 0.0))
 
     @property
     def output(self) -> np.ndarray:
         """The input (m,) that acts after `may_act`: that of the last step, of a controlled stop, or without power."""
         kept = self._history.stop
         return self._history.memory[self.memory.places["u"]].copy() if kept is None else np.array(kept.last)
-
-    def _holding(self, last: np.ndarray) -> np.ndarray:
-        """The input (m,) that holds the model at a moving command, else the last one."""
-        history, mode = self._history, self.mode
-        if mode.moving and self.estimator is not None:
-            n = len(self.law.input_names)
-            try:
-                pose = history.memory[self.memory.places["reference"]][self._places]
-                return equilibrium_at(self.estimator.plant, self.tracked, pose)[1][:n]
-            except FlexhinfError:
-                pass  # it holds what acted
-        return last
 
     @property
     def path_rate(self) -> float:
@@ -641,7 +575,7 @@ class Controller(Summarised):
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
         own = {"solution": self.law, "estimator": self.estimator, "period": self.period}
-        return {"arguments": own | self._options, "kept": (self.fused, copy.deepcopy(vars(self._history)))}
+        return {"arguments": own | options_of(self), "kept": (self.fused, copy.deepcopy(vars(self._history)))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])

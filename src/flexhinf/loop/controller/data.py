@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.loop.controller.bumpless import inverse_slope
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.memory import shaped
 from flexhinf.loop.controller.protection import WINDOW, windows_and_steps
-from flexhinf.loop.controller.step import RELIEF, inverse_slope
+from flexhinf.loop.controller.step import RELIEF
 from flexhinf.plant import rcond_limit
 
 

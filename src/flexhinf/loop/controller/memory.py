@@ -156,7 +156,7 @@ PAUSES = (1.5, 3.0)
 ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
 
 
-class Told(NamedTuple):
+class RunCounts(NamedTuple):
     """Counts of a run, numbers or (N,) of many: samples at which the estimate was in doubt; the first one, from 1 on,
     at which a protective stop would have begun, 0 for none; and the bits of `flexhinf.loop.Stop` there."""
 
@@ -165,22 +165,24 @@ class Told(NamedTuple):
     stop_bits: Any
 
     @staticmethod
-    def in_memory(places: Mapping[str, slice], memory: np.ndarray) -> Told:
+    def in_memory(places: Mapping[str, slice], memory: np.ndarray) -> RunCounts:
         """Those of a memory (s,), or of memories (s, N) after other runs."""
         none = np.zeros(memory.shape[1:])
         doubtful = memory[places["doubt"]][1] if "doubt" in places else none
-        return Told(doubtful, *(memory[places["told"]][1:] if "told" in places else (none, none)))
+        return RunCounts(
+            doubtful, *(memory[places["stop_record"]][1:] if "stop_record" in places else (none, none))
+        )
 
     @staticmethod
     def places(places: Mapping[str, slice]) -> list[tuple[int, int]]:
         """Of each count that there is, its place here, and in a memory."""
         doubts = [(0, places["doubt"].start + 1)] if "doubt" in places else []
-        stops = [(1, places["told"].start + 1), (2, places["told"].start + 2)] if "told" in places else []
+        stops = [(k, places["stop_record"].start + k) for k in (1, 2) if "stop_record" in places]
         return doubts + stops
 
 
 #: Of a run without a controller that counts.
-NOTHING_TOLD = Told(0, 0, 0)
+NO_COUNTS = RunCounts(0, 0, 0)
 
 #: No place of a memory.
 NOWHERE = slice(0)

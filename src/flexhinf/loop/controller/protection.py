@@ -39,7 +39,7 @@ STOPS = {
     "bad_start": "the robot does not rest where it can be started",
     "sensor_lost": "a sensor was missing or refused for longer than it may be",
     "inconsistent": "encoders, drive and spring of a joint contradict each other",
-    "running_away": "a joint moves away from its command",
+    "runaway": "a joint moves away from its command",
     "too_fast": "a joint is faster than its limit allows",
     "opposed": "an input is at its limit against a motion that does not slow down",
     "oscillating": "an input swings by most of its range again and again, or more and more",
@@ -206,11 +206,12 @@ class Protection(Listed):
         kept = {name: array.tolist() for name, array in arrays.items()}
         vars(self).update({name: tuple(value) for name, value in kept.items()}, stop_on=tuple(self.stop_on))
 
-    def watch(
-        self, estimator: Estimator | None, inputs: Sequence[str], limits: object, supervision: object
-    ) -> Watch:
-        """Places of what is watched, of a controller of these inputs; a name that is none of its signals is refused,
-        and any without an estimator, limits of measurements, or a supervision that reports the signs."""
+    def watch(self, controller: Any) -> Watch:
+        """Places of what is watched, of a controller; a name that is none of its signals is refused, and any without an
+        estimator, limits of measurements, or a supervision that reports the signs."""
+        estimator: Estimator | None = controller.estimator
+        inputs: Sequence[str] = controller.law.input_names
+        limits, supervision = controller.measurement_limits, controller.supervision
         if estimator is None or limits is None or supervision is None:
             raise InvalidInput(
                 "Nothing reads the signs of a protection.",
@@ -265,7 +266,7 @@ class Protection(Listed):
         observer = np.reshape(observers, (-1, 6)).T
         return {
             "fastest": np.array(self.speed),
-            "ways": np.array([self.distance, self.travel]),
+            "distances": np.array([self.distance, self.travel]),
             "swing_sizes": np.array(self.swing),
             "motor_rates": rates,
             "motor_spreads": _table(self.spreads, 5, rates.shape[1]),

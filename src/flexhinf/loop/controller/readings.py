@@ -88,11 +88,11 @@ def believed_readings(
     `turns`, the shorter way counts.
     """
     now = Readings(*readings)
-    given = known(y)
+    present = known(y)
     changes = turned(y, now.raw, turns) - now.raw
-    changed = given * np.array([where(absolute(change) > 0.0, 1.0, 0.0) for change in changes])
-    anew, repeated = _new_frame(turns, given, maximum(changed, now.fresh), predicted, now, steps)
-    there = given * (1.0 - repeated)
+    changed = present * np.array([where(absolute(change) > 0.0, 1.0, 0.0) for change in changes])
+    anew, repeated = _new_frame(turns, present, maximum(changed, now.fresh), predicted, now, steps)
+    there = present * (1.0 - repeated)
     change = chosen(there, changes, now.change)
     possible = _possible(turns, y, now, change, period[0] * rate)
     good = there * _within(y, lower, upper) * possible
@@ -115,19 +115,19 @@ def believed_readings(
 
 def _new_frame(
     turns: Sequence[int],
-    given: Elements,
+    present: Elements,
     changed: Elements,
     predicted: Elements,
     now: Readings,
     steps: Elements,
 ) -> tuple[Element, Element]:
-    """Whether the frame is a new one, and whether it is a repeated one, 1 or 0: there is something in it (`given`),
+    """Whether the frame is a new one, and whether it is a repeated one, 1 or 0: there is something in it (`present`),
     nothing has `changed` (p,), and `SENSORS` should have."""
     anew = reduce(maximum, changed)
     moved = absolute(turned(predicted, now.predicted, turns) - now.predicted)
     should = sum(where(way > MOVED * step, 1.0, 0.0) for way, step in zip(moved, steps, strict=True))
     late = where(should > SENSORS - 0.5, 1.0, 0.0)
-    return anew, (1.0 - anew) * reduce(maximum, given) * late
+    return anew, (1.0 - anew) * reduce(maximum, present) * late
 
 
 def _possible(turns: Sequence[int], y: Elements, now: Readings, change: Elements, most: Elements) -> Elements:

@@ -104,7 +104,7 @@ class Watch(NamedTuple):
 
 #: Signs of a protective stop, in the order of their flags, behind whether a frame is a repeated one.
 SIGNS = (
-    "sensor_lost", "inconsistent", "running_away", "too_fast", "opposed", "oscillating", "stuck",
+    "sensor_lost", "inconsistent", "runaway", "too_fast", "opposed", "oscillating", "stuck",
 )  # fmt: skip
 
 
@@ -173,9 +173,9 @@ def _ahead(
     if not pair.looped:
         return *later, 0.0
     wanted = loop + rate[3] * speed
-    given = clip(wanted, -own.most, own.most)
-    excess, full = absolute(wanted - given), at + period * (speed + 0.5 * period * (given + rest))
-    here = where(excess > 0.0, full, later[0]), where(excess > 0.0, speed + period * (given + rest), later[1])
+    got = clip(wanted, -own.most, own.most)
+    excess, full = absolute(wanted - got), at + period * (speed + 0.5 * period * (got + rest))
+    here = where(excess > 0.0, full, later[0]), where(excess > 0.0, speed + period * (got + rest), later[1])
     return *here, own.unsure * excess
 
 
@@ -201,7 +201,7 @@ def _unwinding(pair: Pair, speeds: Elements, compliance: Element, shares: Elemen
 
 
 @gives("away_next", "runs_away")
-def running_away(
+def runaway(
     places: Sequence[int], position: Elements, command: Elements, away: Elements, started: Elements, period: Elements,
     limits: Elements, *hold: Elements,
 ) -> tuple[Elements, Elements]:  # fmt: skip
@@ -289,9 +289,9 @@ def too_fast(readings: Elements, fastest: Elements, period: Elements) -> Element
     return np.array([reduce(maximum, fast)])
 
 
-@gives("pace_next", "stuck")
+@gives("standstill_next", "stuck")
 def stuck(
-    places: Sequence[tuple[int, int]], u: Elements, readings: Elements, pace: Elements, period: Elements,
+    places: Sequence[tuple[int, int]], u: Elements, readings: Elements, standstill: Elements, period: Elements,
     steps: Elements, hardest: Elements, breakaway: Elements,
 ) -> tuple[Elements, Elements]:  # fmt: skip
     """Speeds of encoders of motors and the inputs when their readings changed last, and for how many samples the input
@@ -303,7 +303,7 @@ def stuck(
     """
     now, columns, flags = Readings(*readings), list[list[Element]](), list[Element]()
     for (place, input), before, pushed, count, most, least in zip(
-        places, *pace, hardest, breakaway, strict=True
+        places, *standstill, hardest, breakaway, strict=True
     ):
         moves = now.still[place] < 0.5
         speed = where(moves, now.speed[place] / period[0], before)
@@ -348,8 +348,8 @@ def forgotten(pauses: Elements, period: Elements) -> Elements:
     return pauses * (1.0 - period / PAUSED)
 
 
-@gives("told_next")
-def told(flags: Elements, before: Elements, counts: Elements) -> Elements:
+@gives("stop_record_next")
+def stop_record(flags: Elements, before: Elements, counts: Elements) -> Elements:
     """Samples so far, the first one at which a sign would stop the robot, 0 for none, and the sum of the bits of the
     signs there (3,). `counts` (8,) are these bits, 0 of a sign that stops nothing; the first one is of a bad start."""
     samples, first, bits = before
@@ -367,10 +367,10 @@ def first_signs(watch: Watch, u: Vector, positions: Vector) -> dict[str, np.ndar
         "away": np.zeros((3, len(positions))),
         "opposed": np.zeros((2, len(u))),
         "swung": np.array([u, u, up, none, none, none]),
-        **({"pace": np.zeros((3, len(watch.alone)))} if watch.alone else {}),
+        **({"standstill": np.zeros((3, len(watch.alone)))} if watch.alone else {}),
         "misplaced": np.zeros(1),
         "pauses": np.zeros(1),
-        "told": np.zeros(3),
+        "stop_record": np.zeros(3),
     }
 
 
@@ -403,9 +403,9 @@ def signs(
             partial(inconsistent, watch.pairs, seen.turns), seen.y, seen.acted, seen.readings, memory.motion,
             data.period, data.motor_rates, data.motor_spreads, data.motor_numbers,
         )  # fmt: skip
-    after["away"], flags["running_away"] = run.call(
-        partial(running_away, places), seen.position, seen.command, memory.away, memory.started, data.period,
-        data.ways, *(() if seen.hold is None else (seen.hold,)),
+    after["away"], flags["runaway"] = run.call(
+        partial(runaway, places), seen.position, seen.command, memory.away, memory.started, data.period,
+        data.distances, *(() if seen.hold is None else (seen.hold,)),
     )  # fmt: skip
     flags["too_fast"] = run.call(too_fast, seen.readings, data.fastest, data.period)
     after["opposed"], flags["opposed"] = run.call(
@@ -416,8 +416,8 @@ def signs(
         oscillating, seen.u, memory.swung, data.period, data.swing_sizes
     )
     if watch.alone:
-        after["pace"], flags["stuck"] = run.call(
-            partial(stuck, watch.alone), seen.acted, seen.readings, memory.pace, data.period, data.reading_steps,
+        after["standstill"], flags["stuck"] = run.call(
+            partial(stuck, watch.alone), seen.acted, seen.readings, memory.standstill, data.period, data.reading_steps,
             data.hardest, data.breakaway,
         )  # fmt: skip
     after["misplaced"] = run.call(
@@ -429,8 +429,8 @@ def signs(
         data.misplaced,
     )
     after["pauses"] = run.call(forgotten, memory.pauses, data.period)
-    after["told"] = run.call(
-        told, run.call(_all, after["misplaced"], *flags.values()), memory.told, data.stop_on
+    after["stop_record"] = run.call(
+        stop_record, run.call(_all, after["misplaced"], *flags.values()), memory.stop_record, data.stop_on
     )
     return run.call(_joined, *flags.values()), after
 

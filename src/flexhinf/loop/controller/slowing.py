@@ -34,7 +34,7 @@ class Voters(NamedTuple):
     links: tuple[tuple[tuple[int, float], ...], ...]
 
     @property
-    def sides(self) -> tuple[Sequence[tuple[tuple[int, float], ...]], ...]:
+    def groups(self) -> tuple[Sequence[tuple[tuple[int, float], ...]], ...]:
         """Places and shares of the motors' readings, and of the links'."""
         return tuple(() if place is None else ((place, 1.0),) for place in self.own), self.links
 
@@ -86,7 +86,7 @@ def moved(
     """The motion a sample later. In a stop (`stops` is 1, else 0) the inputs were larger by `push` (m,) than what holds
     the robot; where `looked` is 0 the readings are those of an earlier sample."""
     m = len(voters.own)
-    seen, there = _told(kept, Readings(*readings), voters, masses, looked)
+    seen, there = _speeds(kept, Readings(*readings), voters, masses, looked)
     columns = list[tuple[Element, ...]]()
     for k in range(m):
         own, other, linked = there[k], there[m + k], seen[m + k] if voters.links[k] else seen[k]
@@ -100,14 +100,14 @@ def moved(
 
 
 def _two_masses(
-    kept: Sequence[Element], push: Element, corrected: Element, told: Element, masses: Masses, k: int
+    kept: Sequence[Element], push: Element, corrected: Element, measured: Element, masses: Masses, k: int
 ) -> tuple[Element, Element, Element]:
     """Speeds of a motor and of its link, and the twist between them, a sample later: by `push`, the spring, and where
     `corrected` is 1 by what the link's reading has `told`."""
     motor, link, twist = kept
     period, n, s = masses.period, masses.winds[k], masses.swings[k]
     pole = np.sqrt(n + s)
-    error = period * corrected * (told - link)
+    error = period * corrected * (measured - link)
     return (
         motor + period * (masses.response[k] * push - n * twist) + pole * (pole * pole - 3.0 * n) / s * error,
         link + period * s * twist + 3.0 * pole * error,
@@ -115,13 +115,13 @@ def _two_masses(
     )
 
 
-def _told(
+def _speeds(
     kept: Moving, now: Readings, voters: Voters, masses: Masses, looked: Element
 ) -> tuple[Elements, Elements]:
     """Speeds that readings tell (2 m,), and whether these are believed (2 m,): a change counts between two readings of
     samples one after the other."""
     seen, there = list[Element](), list[Element]()
-    for at, terms in enumerate([terms for side in voters.sides for terms in side]):
+    for at, terms in enumerate([terms for group in voters.groups for terms in group]):
         is_there = reduce(
             minimum, [where(now.since[place] > 1.0, 0.0, minimum(now.since[place], 1.0)) for place, _ in terms],
             looked * bool(terms),

@@ -13,17 +13,43 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import refuse_if
+from flexhinf.loop.controller.bumpless import bumpless_transfer, inverse_slope
 from flexhinf.loop.controller.estimated import EstimatedStates
+from flexhinf.loop.controller.governor import first_of_joints
 from flexhinf.loop.controller.law_code import law_slope
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.options import Limits
-from flexhinf.loop.controller.step import bumpless_transfer, inverse_slope
+from flexhinf.loop.controller.readings import first_readings
+from flexhinf.loop.controller.signs import first_signs
+from flexhinf.loop.controller.status import first_counters
 from flexhinf.plant import Estimator, Law, ProblemLaw
 from flexhinf.plant.plant import equilibrium_at, pose_values
 from flexhinf.validation import value_text
 
 #: Rounds of Broyden's steps, and what may be left of an input, relative to 1 and the largest one.
 ROUNDS, TOLERANCE = 5, 1e-6
+
+
+def first_values(controller: Any, state: Any = None, input: Any = None) -> dict[str, Any]:
+    """Parts of a controller's memory before its first step, of an estimated state (N,) and an input (m,) before it."""
+    estimator, mode, zeros = controller.estimator, controller.mode, np.zeros(len(controller.tracked))
+    belief: dict[str, Any] = {}
+    if estimator is not None:
+        belief["belief"] = list(estimator.initial if state is None else estimator.initial_at(state))
+    u = controller.input_before(input, state)
+    return {
+        **belief, "u": u, "integral": zeros, "position": zeros, "reference": controller.operating_reference,
+        "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
+        **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **first_of_joints(mode, zeros),
+        **({"command": controller.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
+        **first_counters(len(u), len(zeros), mode.reactions, mode.protected is not None),
+        **(first_signs(mode.protected, u, zeros) if mode.protected else {}),
+        **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(controller.measured))) if mode.has_offset else {}),
+        **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
+        **({"commands": np.tile(controller.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
+        **({"doubt": np.zeros(2)} if controller.doubts else {}),
+        **({"readings": first_readings(len(controller.measured))} if mode.checks_measurements else {}),
+    }  # fmt: skip
 
 
 def standstill_memory(

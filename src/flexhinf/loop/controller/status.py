@@ -69,7 +69,7 @@ class Status(enum.IntFlag):
     REPEATED_FRAME = 128
     SENSOR_LOST = 256
     INCONSISTENT = 512
-    RUNNING_AWAY = 1024
+    RUNAWAY = 1024
     TOO_FAST = 2048
     OPPOSED = 4096
     OSCILLATING = 8192
@@ -91,7 +91,7 @@ WATCHED = (
     Status.REPEATED_FRAME,
     Status.SENSOR_LOST,
     Status.INCONSISTENT,
-    Status.RUNNING_AWAY,
+    Status.RUNAWAY,
     Status.TOO_FAST,
     Status.OPPOSED,
     Status.OSCILLATING,
@@ -340,7 +340,7 @@ def possible_status(
 
 def possible_signs(watch: Watch) -> Status:
     """The bits that a protection can set."""
-    always = Status.REPEATED_FRAME | Status.SENSOR_LOST | Status.RUNNING_AWAY | Status.TOO_FAST
+    always = Status.REPEATED_FRAME | Status.SENSOR_LOST | Status.RUNAWAY | Status.TOO_FAST
     always |= Status.OPPOSED | Status.OSCILLATING
     inconsistent = Status.INCONSISTENT if watch.pairs else Status(0)
     return always | inconsistent | (Status.STUCK if watch.alone else Status(0))

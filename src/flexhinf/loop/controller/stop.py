@@ -14,15 +14,18 @@ becomes faster or does not do what the input should make of it: then the drive i
 from __future__ import annotations
 
 import enum
+from contextlib import suppress
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.arrays import Element, Elements, Vector
+from flexhinf.errors import FlexhinfError
 from flexhinf.loop.controller.protection import STOPS
 from flexhinf.loop.controller.signs import PAUSES, SIGNS
-from flexhinf.loop.controller.slowing import Masses, Moving, Voters, first_moving, masses_of, moved
+from flexhinf.loop.controller.slowing import Masses, Moving, Voters, first_moving, masses_of, moved, voters_of
+from flexhinf.plant.plant import equilibrium_at
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 
 #: Longest controlled stop, and how long joints must stand before it ends, s; time after which it must have made them
@@ -41,7 +44,7 @@ JUDGED, DONE, EARLY = 0.25, 0.3, 0.03
 RINGS = 0.2
 
 #: Part of the rate at which a controlled stop slows a joint down, with which it goes back where the stop began.
-HOLDS = 0.125
+HOLDING = 0.125
 
 #: Time constant of a command of positions or velocities that ends, s.
 ENDING = 0.03
@@ -55,7 +58,7 @@ class Stop(enum.IntFlag):
     BAD_START = 4
     SENSOR_LOST = 8
     INCONSISTENT = 16
-    RUNNING_AWAY = 32
+    RUNAWAY = 32
     TOO_FAST = 64
     OPPOSED = 128
     OSCILLATING = 256
@@ -86,8 +89,8 @@ class StopState(NamedTuple):
     """What a protective stop remembers: `reasons` (r,), 1 or 0 each in the order of `Stop`; `power`, whether drives may
     have it, `samples` since the stop began, and those for which all joints have been `standing`, (1,) each; of each
     input (m,) its `last` value, the `base` of a controlled stop, its `rate` per sample, the mean speed of the motor
-    (`pace`), that when the stop began (`first`), and the mean speed of the link (`swing`), the speed of motor and
-    link together then (`whole`), and what inputs should have made of that (`given`); behind these the elements of
+    (`motor_mean`), that when the stop began (`first`), and the mean speed of the link (`swing`), the speed of motor and
+    link together then (`whole`), and what inputs should have made of that (`impulse`); behind these the elements of
     `Moving`."""
 
     reasons: Elements
@@ -97,11 +100,11 @@ class StopState(NamedTuple):
     last: Elements
     base: Elements
     rate: Elements
-    pace: Elements
+    motor_mean: Elements
     first: Elements
     swing: Elements
     whole: Elements
-    given: Elements
+    impulse: Elements
     motor: Elements
     link: Elements
     twist: Elements
@@ -157,14 +160,14 @@ def decided(
         moving = moved(moving, readings, voters, masses, before, push, looked)
     samples = stops * (kept.samples[0] + 1.0)
     new = 1.0 - np.exp(-period / AVERAGED)
-    pace = kept.pace + new * (absolute(moving.motor) - kept.pace)
+    motor_mean = kept.motor_mean + new * (absolute(moving.motor) - kept.motor_mean)
     swing = kept.swing + new * (absolute(moving.link) - kept.swing)
-    first = _chosen(begins, pace, kept.first)
+    first = _chosen(begins, motor_mean, kept.first)
     body = share * moving.motor + (1.0 - share) * moving.link
     whole = _chosen(begins, body, kept.whole)
-    given = stops * (kept.given + period * share * masses.response * push)
+    impulse = stops * (kept.impulse + period * share * masses.response * push)
     ends, standing = _ends(
-        kept, pace, swing, first, body - whole, given, samples, stops, category, numbers, reasons[0]
+        kept, motor_mean, swing, first, body - whole, impulse, samples, stops, category, numbers, reasons[0]
     )
     power = kept.power[0] * (1.0 - stops * ends)
     base, rate = _base(drive, kept, u, hold, moving, stops, begins, numbers)
@@ -172,28 +175,32 @@ def decided(
     off = base if drive == "position" else clip(0.0 * u, lower, upper)
     acts = _chosen(stops, _chosen(power, slowed, off), u)
     parts = np.array([power]), np.array([samples]), np.array([standing])
-    return acts, StopState(reasons, *parts, acts, base, rate, pace, first, swing, whole, given, *moving)
+    return acts, StopState(
+        reasons, *parts, acts, base, rate, motor_mean, first, swing, whole, impulse, *moving
+    )
 
 
 def _ends(
-    kept: StopState, pace: Elements, swing: Elements, first: Elements, made: Elements, given: Elements,
+    kept: StopState, motor_mean: Elements, swing: Elements, first: Elements, gained: Elements, impulse: Elements,
     samples: Element, stops: Element, category: Element, numbers: StopNumbers, blind: Element,
 ) -> tuple[Element, Element]:  # fmt: skip
     """Whether the power goes, 1 or 0, and for how many samples all joints have been standing: at rest, after the
-    longest time, and at once where a joint is faster, or inputs that should have `made` a change of its speed did not,
+    longest time, and at once where a joint is faster, or inputs should have made more than the change of its speed
+    that is `gained`,
     or a link goes on whose motor is said to stand, or a loop is `blind` that does not keep its period."""
     rest, period = numbers.masses.rest, numbers.masses.period
-    stands = reduce(minimum, [where(maximum(w, v) > r, 0.0, 1.0) for w, v, r in zip(pace, swing, rest)])
+    stands = reduce(minimum, [where(maximum(w, v) > r, 0.0, 1.0) for w, v, r in zip(motor_mean, swing, rest)])
     standing = stops * stands * (kept.standing[0] + 1.0)
     left = maximum(1.0 - samples * period / SLOWS, LEFT)
-    faster = [where(w > left * most + FASTER * r, 1.0, 0.0) for w, most, r in zip(pace, first, rest)]
+    faster = [where(w > left * most + FASTER * r, 1.0, 0.0) for w, most, r in zip(motor_mean, first, rest)]
     judged = JUDGED * first + FASTER * rest
     fails = [
         where(absolute(g) > j, where(done * g > DONE * g * g, 0.0, 1.0), 0.0)
-        for g, j, done in zip(given, judged, made)
+        for g, j, done in zip(impulse, judged, gained)
     ]
     apart = [
-        where(v > w + left * most + FASTER * r, 1.0, 0.0) for w, v, most, r in zip(pace, swing, first, rest)
+        where(v > w + left * most + FASTER * r, 1.0, 0.0)
+        for w, v, most, r in zip(motor_mean, swing, first, rest)
     ]
     broken = reduce(
         maximum,
@@ -208,9 +215,9 @@ def _ends(
     return maximum(ends, blind), standing
 
 
-def _when(holds: Element, flags: list[Element]) -> list[Element]:
+def _when(when: Element, flags: list[Element]) -> list[Element]:
     """Flags where a condition holds, else 0."""
-    return [where(holds, flag, 0.0) for flag in flags]
+    return [where(when, flag, 0.0) for flag in flags]
 
 
 def _base(
@@ -227,7 +234,7 @@ def _base(
         return left * _chosen(begins, kept.last, kept.base), rate
     slows = numbers.damping * masses.share * masses.response
     seen = moving.there[: len(moving.motor)]
-    back = stops * (1.0 - begins) * masses.period * HOLDS * slows * numbers.damping * seen
+    back = stops * (1.0 - begins) * masses.period * HOLDING * slows * numbers.damping * seen
     return clip(_chosen(begins, hold, kept.base) - back * moving.motor, numbers.lower, numbers.upper), rate
 
 
@@ -259,3 +266,21 @@ def reasons(controller: Any, history: Any) -> np.ndarray:
         found[-len(SIGNS) :] = history.memory[controller.memory.places["status"]][-len(SIGNS) :]
     counted = tuple(STOPS) if protection is None else protection.stop_on
     return np.where([name in counted for name in STOPS], found, 0.0)
+
+
+def decide(controller: Any, history: Any) -> StopState:
+    """The decision after a controller's last step, and what acts. In a stop that begins the inputs hold the model at a
+    moving command; where that has no equilibrium, what acted stays."""
+    protection, u = controller.protection, history.memory[controller.memory.places["u"]]
+    kept: StopState = history.stop or first_stop(u)
+    flags, hold = reasons(controller, history), kept.last
+    model = None if controller.estimator is None else controller.estimator.plant
+    if flags.any() and not kept.reasons.any() and model is not None and controller.mode.moving:
+        tracked = [controller.states.index(name) for name in controller.tracked]
+        pose = history.memory[controller.memory.places["reference"]][tracked]
+        with suppress(FlexhinfError):
+            hold = equilibrium_at(model, controller.tracked, pose)[1][: len(u)]
+    readings = None if protection is None else controller.memory.named(history.memory).readings
+    category = 0.0 if protection is None else protection.category
+    drive, numbers = stop_numbers(controller)
+    return decided(drive, kept, flags, u, hold, readings, voters_of(controller), category, numbers)[1]

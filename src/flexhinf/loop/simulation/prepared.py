@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.loop.controller.memory import Told
+from flexhinf.loop.controller.memory import RunCounts
 from flexhinf.loop.simulation.inputs import check_seed, white_noise
 from flexhinf.loop.simulation.program import LoopCode
 from flexhinf.loop.simulation.trajectory import Trajectory
@@ -68,8 +68,8 @@ class PreparedRun:
         arrays["inputs"] = arrays["inputs"][counts["late"] :]
         rows = {signal: arrays[name].reshape(len(self.times), -1) for name, (signal, _) in RECORDED.items()}
         signals, end = rows | self.recorded, (int(status.code), int(status.step))
-        told = Told.in_memory(code.controller.memory.places, arrays["memory"])
-        run = Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end, told)
+        counts = RunCounts.in_memory(code.controller.memory.places, arrays["memory"])
+        run = Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end, counts)
         return run, *end
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.memory import NOTHING_TOLD, Told
+from flexhinf.loop.controller.memory import NO_COUNTS, RunCounts
 from flexhinf.loop.controller.stop import Stop
 from flexhinf.loop.simulation.metrics import (
     RunMetrics,
@@ -67,7 +67,7 @@ class Trajectory(Summarised):
     diverged_at, message : float or None, and str
         Of a run that diverged to numbers that are not finite: the time of its last sample, s; and what is no longer
         finite, when, and what to try.
-    told : Told
+    counts : RunCounts
         Counts of the controller: see `doubtful_samples`, `stop_time` and `stop_reasons`.
 
     Examples
@@ -91,22 +91,22 @@ class Trajectory(Summarised):
     judged: tuple[str, ...] = ()
     diverged_at: float | None = None
     message: str = ""
-    told: Told = NOTHING_TOLD
+    counts: RunCounts = NO_COUNTS
 
     @property
     def doubtful_samples(self) -> int:
         """At how many samples the estimate was in doubt, see `Controller.doubtful_samples`."""
-        return int(self.told.doubtful)
+        return int(self.counts.doubtful)
 
     @property
     def stop_time(self) -> float | None:
         """When a protective stop would have begun, s; None where none would. The run goes on without it."""
-        return float(self.time[int(self.told.stop_sample) - 1]) if self.told.stop_sample else None
+        return float(self.time[int(self.counts.stop_sample) - 1]) if self.counts.stop_sample else None
 
     @property
     def stop_reasons(self) -> Stop:
         """Why it would have begun."""
-        return Stop(int(self.told.stop_bits))
+        return Stop(int(self.counts.stop_bits))
 
     @property
     def status(self) -> str:
@@ -122,7 +122,7 @@ class Trajectory(Summarised):
         settings: dict[str, Any],
         code: int,
         last: int,
-        told: Told,
+        counts: RunCounts,
     ) -> Trajectory:
         """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
         `program` failed with this code, or before the run was stopped (a negative code)."""
@@ -149,7 +149,7 @@ class Trajectory(Summarised):
         table = {**(controller.estimator.plant.units if controller.estimator else {}), **plant.units}
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
         end = float(time[-1]) if message else None
-        return Trajectory(time, signals, names, units, settings, controller.judged, end, message, told)
+        return Trajectory(time, signals, names, units, settings, controller.judged, end, message, counts)
 
     @property
     def _attributes(self) -> dict[str, str]:  # of files and of `data`
