@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
@@ -15,19 +16,27 @@ from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.follow import follow_values, follower_of
 from flexhinf.export.rehearsal import FAR, LARGEST
 from flexhinf.robot.follow_goal import FollowGoal
-from flexhinf.robot.follower import PASSED, RESTING, FollowCode, Follower, FollowMotion
+from flexhinf.robot.follow_limits import ANYWHERE
+from flexhinf.robot.follow_machine import PASSED, RESTING
+from flexhinf.robot.follower import FollowCode, Follower, FollowMotion, FollowReason
 
 #: Largest difference of C and Python, relative to the largest number of its column, by type.
 CLOSE = {"double": 1e-13, "float": 2e-4}
 
 #: How many rows are compared at most; and at how many poses in all the range, rad or m, of joints without one.
-ROWS, POSES, FREE = 130, 40, 6.0
+ROWS, POSES, FREE = 142, 40, 6.0
 
 #: The session without these poses, in smoothing times.
-LASTS = 66.0
+LASTS = 72.0
 
 #: How far from the robot's home the session begins, rad or m, so that no angle is 0.
 ASIDE = 1.1
+
+#: Speed of a joint without a limit, rad/s or m/s: quick, so that what is played of it is short.
+QUICK = 40.0
+
+#: What no joint does, in units that float has.
+HUGE = 1e30
 
 #: Largest way of a joint, rad or m, and what part of range and speed limit it takes.
 WAY, OF_RANGE, OF_SPEED = 0.2, 0.1, 0.3
@@ -70,11 +79,13 @@ class GoalRow:
 
 
 class EventRow(NamedTuple):
-    """An event as the program reads it; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose."""
+    """An event as the program reads it; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose, 4 the end of every goal;
+    `number`: of the goal, or with which code goals end."""
 
     step: int
     kind: int
     goal: int
+    number: int
     answer: int
     rates: tuple[float, float]
     away: Matrix
@@ -85,11 +96,13 @@ class EventRow(NamedTuple):
 class Event:
     """What happens before a step, and what holds from it on.
 
-    `what`: A goal to start, "cancel", or a pose (n,) to be reset to. `away`: Errors (2, n) of what is measured.
+    `what`: A goal to start, "cancel", "end" of every goal, or a pose (n,) to be reset to. `away`: Errors (2, n) of what
+    is measured. `back`: Which goal is cancelled, by how many started last; 0: every one.
     """
 
     step: int
     what: FollowGoal | str | Vector | None = None
+    back: int = field(default=0, kw_only=True)
     speed: float = 1.0
     rate: float = 1.0
     away: Vector | None = None
@@ -144,6 +157,34 @@ class FollowerTrial:
         own = FollowGoal(joints[::-1], seconds, rows[0, :, ::-1], velocities, accelerations)
         return replace(own, **other)
 
+    def bulge(self, order: int, joint: int, beyond: float, ends: bool = False) -> GoalChange:
+        """From home to home, with a velocity or an acceleration that takes one joint to a place in between: that of the
+        first waypoint, or of the second, behind which it is at rest a little later."""
+        wide = abs(beyond - self.home[joint])
+        speed = 0.5 * min(self.follower.speeds[joint], QUICK)
+        # q = v t (1 - s)², farthest at s = 1/3; and a t²/2 (1 - s)³, at s = 2/5
+        time = (27.0 / 4.0 if order == 2 else 4.0) * wide / speed
+        rates = np.zeros((2, 3, len(self.way)))
+        size = 27.0 / 4.0 / time if order == 2 else 2.0 * 3125.0 / 108.0 / time**2
+        rates[order - 2, int(ends), joint] = size * (beyond - self.home[joint])
+        rates[0] *= -1.0 if ends else 1.0
+        times = self.time(1.5) + np.array([0.0, time, 1.1 * time])
+        velocities, accelerations = rates[:, :, ::-1]
+        change: GoalChange = {
+            "times": times,
+            "positions": np.tile(self.home[::-1], (3, 1)),
+            "velocities": velocities,
+        }
+        return change if order == 2 else {**change, "accelerations": accelerations}
+
+    def leap(self, share: float) -> FollowGoal:
+        """A waypoint at home whose acceleration takes the last joint so far beyond its range, or short of it."""
+        (_, high), last = self.follower.ranges, len(self.way) - 1
+        end = high[last] if np.isfinite(high[last]) else FREE
+        return replace(
+            self.goal([1.2], [0.0]), **self.bulge(3, last, self.home[last] + share * (end - self.home[last]))
+        )
+
     def partial(
         self,
         joints: slice,
@@ -159,6 +200,11 @@ class FollowerTrial:
         rows = zip(("positions", "velocities", "accelerations"), whole.arrays)
         chosen = {name: values[:, joints] for name, values in rows}
         return replace(whole, joint_names=whole.joint_names[joints], **chosen)
+
+    def hop(self, share: float) -> FollowGoal:
+        """All joints from home by so much of the jump that smoothing takes, at once."""
+        far = self.home + share * self.follower.jumps
+        return replace(self.goal([0.2], [0.0]), times=[0.4 * self.follower.period], positions=[far[::-1]])
 
     def jump(self, joints: slice, begins: float = 0.0) -> FollowGoal:
         """A first waypoint that is too far for its time."""
@@ -212,7 +258,7 @@ def events(session: FollowerTrial) -> list[Event]:
         Event(at(1.0), speed=0.4),
         Event(at(2.0), goal([0.3, 1.6, 3.0], [0.9, 0.2, -0.8], 2, begins=-session.time(0.4))),
         Event(at(3.0), rate=0.6),
-        Event(at(3.2), rate=0.0),
+        Event(at(3.2), rate=0.05),
         Event(at(3.4), speed=0.5),
         Event(at(3.9), "cancel"),
         Event(at(4.2), goal([1.3, 2.6], [0.1, 0.3], 2)),
@@ -221,8 +267,27 @@ def events(session: FollowerTrial) -> list[Event]:
         Event(at(4.8), "cancel", speed=0.0),
         Event(at(5.0), goal([1.2, 2.4], [-0.2, 0.5], begins=(at(4.0) + 0.56) * period)),
         Event(at(6.8), speed=np.nan),
-        Event(at(7.2), rate=np.nan),
+        Event(at(7.1), goal([1.2], [0.1], begins=at(6.0) * period)),
+        Event(at(7.2), rate=np.nan),  # its path stands
         Event(at(7.3)),
+        Event(at(7.4), goal([1.2], [0.1], begins=at(6.0) * period)),
+        Event(at(7.5), goal([1.2, 2.5], [0.3, 0.0], 2)),  # and the one that waits is over
+        Event(at(7.6), goal([1.2], [0.1], begins=at(6.0) * period)),
+        Event(at(7.7), "cancel", back=1),
+        Event(at(7.8), "cancel", back=1),  # it is over
+        Event(at(7.9), goal([1.2], [0.1], begins=at(6.0) * period)),
+        Event(at(8.0), goal([1.2], [0.2], begins=at(6.0) * period)),
+        Event(at(8.1), "cancel", back=4),  # the one that is followed, and with it the one that waits
+        Event(at(8.2), goal([1.2], [0.0])),
+        Event(at(8.3), goal([1.2], [0.2], begins=at(6.0) * period)),
+        Event(at(8.4), "cancel"),
+        Event(at(8.5), goal([1.2], [0.2], begins=at(6.0) * period)),
+        Event(at(8.5), goal([1.2], [0.1])),
+        Event(at(8.5), "cancel"),
+        Event(at(8.6), goal([1.2], [0.1])),
+        Event(at(8.7), goal([1.2], [0.2], begins=at(6.0) * period)),
+        Event(at(8.8), goal([1.2], [0.1])),
+        Event(at(8.8), "end"),
         Event(at(9.0), session.jump(slice(-1, None))),
         Event(at(9.2), session.jump(slice(0, 1)), np.inf, np.inf),
         Event(at(9.5), session.jump(slice(-1, None), begins=(at(3.0) + 1) * period), 1.1, -0.5),
@@ -270,13 +335,21 @@ def events(session: FollowerTrial) -> list[Event]:
         Event(at(41.0), "cancel"),
         Event(at(43.5), down + 3.0 * near),
         Event(at(44.0), goal([1.2], [0.0], positions=[down[::-1]])),
-        Event(at(45.1), "cancel"),
+        Event(at(44.6), "cancel"),
         Event(at(46.0), up + near),
         Event(at(46.2), session.partial(slice(-1, None), [1.2], [0.0], 1, positions=[(up - near)[::-1]])),
         Event(at(46.5), "cancel"),
         Event(at(48.0), session.home),
         Event(at(48.2), goal([1.2], [0.3]), away=askew),
         Event(at(57.0), goal([1.2], [0.5])),
+        Event(at(64.0), away=faster),
+        Event(at(64.5)),
+        Event(at(66.0), session.leap(1.02)),
+        Event(at(66.1), session.leap(0.98)),
+        Event(at(67.0), session.home),
+        Event(at(67.0), session.hop(0.7)),
+        Event(at(67.0) + 1, session.hop(0.0)),
+        Event(at(71.0), session.hop(0.0)),
         *(Event(step, pose, rate=(1.0, 0.5)[k % 2]) for k, (step, pose) in enumerate(zip(steps, poses))),
         Event(steps[-1] + session.every),
     ]
@@ -291,6 +364,7 @@ def refusals(session: FollowerTrial) -> list[FollowGoal]:
     rows, still = np.array([session.home, session.home + 0.1 * session.way])[:, ::-1], np.zeros((2, n))
     ended, infinite = still.copy(), still.copy()
     ended[1, -1], infinite[0, 0] = 0.1, np.inf
+    none = np.full((1, n), np.nan)
     base = FollowGoal(joints[::-1], times, rows)
 
     def moved(to: Vector) -> Vector:
@@ -336,16 +410,59 @@ def refusals(session: FollowerTrial) -> list[FollowGoal]:
         {"begins": np.nan},
         {"times": [], "positions": np.zeros((0, n))},
         {"times": [0.0], "positions": rows[:1]},
+        {"times": times[:1], "positions": [np.where(np.arange(n) == n - 1, high + 0.01, session.home)[::-1]]},
+        {"times": times[:1], "positions": [np.where(np.arange(n) == 0, low - 0.01, session.home)[::-1]]},
+        {"times": times[:1], "positions": rows[:1], "velocities": none},
+        {"times": times[:1], "positions": rows[:1], "velocities": still[:1], "accelerations": none},
         {"joint_names": joints[:1], "positions": rows[:, -1:]},
         {"joint_names": [], "positions": np.zeros((2, 0))},
     ]
-    if own.limits.limits:  # one half, and half more, of the largest bend at the end
+    changes += _between(session)
+    if own.own.limited:  # one half, and half more, of the largest bend at the end
         for share in (0.5, 1.5):
-            slope = share * np.min(own.limits.commands / own.limits.bends, axis=0)
+            limits = own.own
+            slope = share * np.minimum(
+                np.divide(limits.rates, limits.bent_rates), np.divide(limits.changes, limits.bent_changes)
+            )
             changes.append(
                 {"positions": moved(session.home + np.minimum(slope, 1e3) * (times[1] - times[0]))}
             )
     return [replace(base, **change) for change in changes]
+
+
+def _between(session: FollowerTrial) -> list[GoalChange]:
+    """Goals that are at home at their waypoints, and between them just within a range and a speed limit, or beyond; and
+    small jumps one behind another."""
+    own, home, n = session.follower, session.home, len(session.way)
+    period, limits, found = own.period, own.own, list[GoalChange]()
+    for joint in (0, n - 1):
+        for end in own.ranges[:, joint]:
+            for order, ends in product((2, 3), (False, True)) if np.isfinite(end) else ():
+                places = home[joint] + np.array([0.998, 1.002]) * (end - home[joint])
+                found += [session.bulge(order, joint, place, ends) for place in places]
+    wide, still = np.where(np.arange(n) == n - 1, 3.0 * own.jumps, 0.0), np.zeros((2, n))
+    for order, peak in ((2, 1.5), (3, 1.875)):
+        for sign, share in ((1.0, 0.98), (1.0, 1.02), (-1.0, 1.02)):
+            rows = np.array([home, home + sign * wide])[:, ::-1]
+            times = session.time(1.5) + np.array([0.0, peak * wide[-1] / (share * limits.peak[-1])])
+            change: GoalChange = {"times": times, "positions": rows, "velocities": still}
+            found.append(change if order == 2 else {**change, "accelerations": still})
+    for speed in (0.98 * limits.peak[0], -1.02 * limits.peak[0]):
+        rates = still.copy()
+        rates[0, -1] = speed
+        times = session.time(1.5) + np.array([0.0, abs(20.0 * own.jumps[0] / speed)])
+        found.append({"times": times, "positions": np.tile(home[::-1], (2, 1)), "velocities": rates})
+    for sign, share in ((-1.0, 0.3), (1.0, 0.3), (1.0, 0.6)):  # fast, and no farther than a jump
+        rates = still.copy()
+        rates[0, -1] = 1.5 * sign * limits.peak[0]
+        times = session.time(1.5) + np.array([0.0, share * 4.5 * own.jumps[0] / limits.peak[0]])
+        found.append({"times": times, "positions": np.tile(home[::-1], (2, 1)), "velocities": rates})
+    for share in (0.3, 0.6):
+        rows = [home[::-1], (home + share * own.jumps)[::-1]] * 2
+        found.append({"times": session.time(1.5) + 0.1 * period * np.arange(4.0), "positions": rows})
+    huge = still.copy()
+    huge[0, -1] = HUGE
+    return [*found, {"velocities": huge}, {"velocities": still, "accelerations": huge}]
 
 
 def follow_test_values(code: ControllerCode) -> dict[str, object]:
@@ -363,7 +480,8 @@ def follow_test_values(code: ControllerCode) -> dict[str, object]:
     )
     checked = [(one, follower.check(one), plain.check(one)) for one in refused]
     started = [event.what for event in happens if isinstance(event.what, FollowGoal)]
-    samples, says, answers = _played(session, happens)
+    played = _played(session, happens)
+    samples, says = played.samples, played.says
     kept = _rows(session, samples[:: session.every])
     sizes = np.abs(kept).max(axis=0)
     values = follow_values(code)
@@ -374,45 +492,71 @@ def follow_test_values(code: ControllerCode) -> dict[str, object]:
         "points": points,
         "goals": goals,
         "checks": [(len(started) + k, int(own), int(other)) for k, (_, own, other) in enumerate(checked)],
-        "events": _event_rows(happens, answers, len(session.way)),
+        "lows": [low if low > -ANYWHERE else 0.0 for low in follower.own.low],
+        "highs": [high if high < ANYWHERE else 0.0 for high in follower.own.high],
+        "peaks": follower.own.peak,
+        "paced": follower.own.paced,
+        "events": _event_rows(happens, played, len(session.way)),
+        "ended": played.ended,
         "home": session.home,
         "kept": kept,
         "sizes": np.maximum(sizes, 1e-6 * sizes.max()),
         "every": session.every,
         "steps": len(samples),
-        "says": [(k, *pair) for k, pair in enumerate(says) if k == 0 or pair != says[k - 1]],
+        "says": [(k, *one) for k, one in enumerate(says) if k == 0 or one != says[k - 1]],
         "close": CLOSE[code.real.name],
         "far": Markup(FAR[code.real.name]),
         "largest": Markup(LARGEST[code.real.name]),
     }
 
 
-def _played(
-    session: FollowerTrial, happens: Sequence[Event]
-) -> tuple[list[FollowMotion], list[tuple[int, int]], list[int]]:
-    """Samples, what each of them says, and the answers to events."""
+class Played(NamedTuple):
+    """What a follower made of a session."""
+
+    samples: list[FollowMotion]
+    says: list[tuple[int, int]]  # of each sample, and whether a goal waits
+    answers: list[int]  # to events
+    numbers: list[int]  # of their goals
+    ended: list[tuple[int, int, int, int]]  # step, number, code and reason
+
+
+def _told(step: int, follower: Follower) -> list[tuple[int, int, int, int]]:
+    return [(step, number, int(code), int(reason)) for number, code, reason in follower.ends]
+
+
+def _played(session: FollowerTrial, happens: Sequence[Event]) -> Played:
+    """Play the session."""
     follower, n = session.follower, len(session.way)
     follower.reset(session.home)
     at, moves, now = session.home, np.zeros(n), happens[0]
-    samples, says, answers, later = list[FollowMotion](), list[tuple[int, int]](), list[int](), list(happens)
+    found, started, later = Played([], [], [], [], []), 0, list(happens)
     for k in range(happens[-1].step):
         while later[0].step <= k:
             now = later.pop(0)
-            answer = int(FollowCode.ACTIVE)
+            answer, number = int(FollowCode.ACTIVE), 0
             if isinstance(now.what, FollowGoal):
-                answer = int(follower.start(now.what))
+                started = number = started + 1
+                answer = int(follower.start(now.what, number))
+            elif isinstance(now.what, str) and now.what == "end":
+                number = int(FollowCode.PATH_TOLERANCE_VIOLATED)
+                follower.end_all(FollowCode.PATH_TOLERANCE_VIOLATED, FollowReason.DROPPED)
             elif isinstance(now.what, str):
-                follower.cancel()
+                number = started + 1 - now.back if now.back else 0
+                follower.cancel(number)
             elif now.what is not None:
                 follower.reset(now.what)
                 at, moves = now.what, np.zeros(n)
-            answers.append(answer)
+            found.answers.append(answer)
+            found.numbers.append(number)
+            if now.what is not None:
+                found.ended.extend(_told(k, follower))
         away = np.zeros((2, n)) if now.away is None else now.away
         sample = follower.advance(at + away[0], moves + away[1], now.speed, now.rate)
         at, moves = sample.position, sample.velocity
-        samples.append(sample)
-        says.append((int(sample.result), int(follower.waits)))
-    return samples, says, answers
+        found.samples.append(sample)
+        found.says.append((int(sample.result), int(follower.waits)))
+        found.ended.extend(_told(k, follower))
+    return found
 
 
 def _rows(session: FollowerTrial, samples: Sequence[FollowMotion]) -> np.ndarray:
@@ -422,17 +566,21 @@ def _rows(session: FollowerTrial, samples: Sequence[FollowMotion]) -> np.ndarray
     return np.hstack([state, u, positions, velocities])
 
 
-def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[EventRow]:
+def _event_rows(happens: Sequence[Event], played: Played, n: int) -> list[EventRow]:
     """Events as the program reads them."""
     rows, goals = list[EventRow](), 0
-    for event, answer in zip(happens, answers):  # the last one ends the session
-        kind = 1 if isinstance(event.what, FollowGoal) else 2 if isinstance(event.what, str) else 3
+    for event, answer, number in zip(
+        happens, played.answers, played.numbers
+    ):  # the last one ends the session
+        kind = 1 if isinstance(event.what, FollowGoal) else 3
+        kind = {"cancel": 2, "end": 4}[event.what] if isinstance(event.what, str) else kind
         kind = 0 if event.what is None else kind
         rows.append(
             EventRow(
                 event.step,
                 kind,
                 goals if kind == 1 else 0,
+                number,
                 answer,
                 (event.speed, event.rate),
                 np.zeros((2, n)) if event.away is None else event.away,
@@ -445,24 +593,17 @@ def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> lis
 
 def _tables(goals: Sequence[FollowGoal], follower: Follower) -> tuple[list[PointRow], list[GoalRow]]:
     """Waypoints of all goals in the robot's order, what is not stated as no number; and each goal with its part."""
-    own, points, rows = follower.robot.joint_names, list[PointRow](), list[GoalRow]()
+    points, rows = list[PointRow](), list[GoalRow]()
     for goal in goals:
-        times, places = np.asarray(goal.times, dtype=float), [own.index(joint) for joint in goal.joint_names]
-        numbers, stated = np.full((3, len(times), len(own)), np.nan), np.zeros((2, 2, len(own)))
-        for kind, values in enumerate(goal.arrays):
-            numbers[kind][:, places] = values
-        for kind, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
-            for joint, pair in pairs.items():
-                stated[kind, :, own.index(joint)] = pair
-        rows.append(
-            GoalRow(
-                len(points),
-                len(times),
-                np.isin(np.arange(len(own)), places).astype(int),
-                goal.begins,
-                stated,
-                goal.goal_time,
+        found = goal.ordered(follower.robot.joint_names)
+        moves = np.zeros(len(follower.robot.joint_names), dtype=int) if found is None else found.moves
+        if found is None:  # joints that the program has no names of: none
+            rows.append(
+                GoalRow(len(points), 0, moves, goal.begins, np.zeros((2, 2, len(moves))), goal.goal_time)
             )
+            continue
+        rows.append(
+            GoalRow(len(points), len(found.times), moves, goal.begins, found.tolerances, goal.goal_time)
         )
-        points += [PointRow(*row) for row in zip(times, *numbers, goal.orders, strict=True)]
+        points += [PointRow(*row) for row in zip(found.times, *found.points, found.orders, strict=True)]
     return points, rows
