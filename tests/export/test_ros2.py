@@ -31,6 +31,8 @@ pytestmark = [
 ]
 
 HERE = Path(__file__).parent / "ros2"
+#: From so far on a joint does not follow, rad.
+FOLLOWING = 0.1
 PERIOD = 1e-3
 ARM = fh.paper_arm()
 VERSIONS = {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}
@@ -48,7 +50,9 @@ def arm_controller(latency: int = 0, measured: str = "link_position", **options:
 
 @cache
 def workspace_controller() -> fh.Controller:
-    box = fh.Supervision(workspace=([-1.0, -1.0], [0.3, 1.0]), reactions={"workspace": "brake"})
+    box = fh.Supervision(
+        workspace=([-1.0, -1.0], [0.3, 1.0]), reactions={"workspace": "brake"}, following=FOLLOWING
+    )
     return controller_of("planar-two-link", watch=box)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.export.test_rest import robot_of
-from tests.export.test_ros2 import HERE, PERIOD, STRICT, Manager, built, workspace_controller
+from tests.export.test_ros2 import FOLLOWING, HERE, PERIOD, STRICT, Manager, built, workspace_controller
 from tests.export.trajectory_cases import CASES, TrajectoryCase
 
 from flexhinf.robot import MuJoCoPlant
@@ -48,6 +48,7 @@ class Session:
         self.plant = MuJoCoPlant(self.robot, ("link_position", "motor_position"))
         self.measured: list[np.ndarray] = []
         self.desired: list[list[float]] = []
+        self.is_held = False
         assert manager.configure(publish_every=1, **parameters) == 0
         self.activate(pose)
 
@@ -80,10 +81,14 @@ class Session:
     def accepted(self) -> bool:
         return bool(self.manager("send_goal"))
 
+    def is_contested(self) -> bool:
+        return self.manager.published("health", "contested") == 1.0
+
     def run(self, samples: int, speed: float = 1.0) -> Session:
         for _ in range(samples):
             assert self.manager.update([*self.plant.output(), *[speed] * self.scaled]) == 0
-            self.plant.step(self.manager.input(), [], PERIOD)
+            if not self.is_held:
+                self.plant.step(self.manager.input(), [], PERIOD)
             self.measured.append(self.plant.state()[:2])
             self.desired.append(
                 [self.manager.published("desired", f"{kind}_{joint}") for kind in ("position", "velocity")
@@ -194,6 +199,95 @@ def jumping(make: Make) -> Any:
     one.run(50)
     np.testing.assert_allclose(one.measured[-1], START, atol=1e-3)
     return one.ended()
+
+
+def swinging(make: Make) -> Any:
+    """From the motion of now: the first way would end where it begins, by way of the end of the range."""
+    one = make()
+    still = np.zeros((1, 2))
+    one.goal([0.7], [START], still, [(600.0, 0.0)])
+    assert one.accepted()
+    one.run(50)
+    np.testing.assert_allclose(one.measured[-1], START, atol=1e-3)
+    return one.ended()
+
+
+def undisturbed(make: Make) -> Any:
+    """A goal goes on, and may be cancelled, though another one was sent that cannot start."""
+    ends = []
+    for cancels in (False, True):
+        one = make()
+        one.goal(*MOVE)
+        assert one.accepted()
+        first = one.manager("goal_handle")
+        one.run(500)
+        one.goal([0.005, 1.0], [np.add(GOAL, 0.5), GOAL])
+        assert one.accepted()
+        one.run(2)
+        assert one.ended() == ("aborted", -1)
+        one.manager("look_at", ctypes.c_void_p(first))
+        assert one.ended() == ("followed", None)
+        if cancels:
+            assert one.manager("cancel_goal") == 1
+        one.run(LONGEST)
+        one.is_smooth()
+        assert one.desired[-1][2:] == [0.0, 0.0]
+        assert np.allclose(one.measured[-1], GOAL, atol=2e-3) is not cancels
+        ends.append(one.ended())
+    assert ends[1] == ("cancelled", 0)
+    return ends[0]
+
+
+def open_until(make: Make) -> Any:
+    """It succeeds while the other one waits."""
+    one = make()
+    one.goal([0.4], [np.add(START, 0.1)])
+    assert one.accepted()
+    first = one.manager("goal_handle")
+    one.run(100)
+    one.goal(*MOVE, begins=0.8)
+    assert one.accepted()
+    second = one.manager("goal_handle")
+    one.run(600)
+    one.manager("look_at", ctypes.c_void_p(first))
+    found = one.ended()
+    one.manager("look_at", ctypes.c_void_p(second))
+    one.run(LONGEST)
+    assert one.ended() == ("succeeded", 0)
+    return found
+
+
+def cancelled_waiting(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    first = one.manager("goal_handle")
+    one.run(300)
+    one.goal([1.0], [START], begins=1.5)
+    assert one.accepted()
+    one.run(1)
+    assert one.manager("cancel_goal") == 1
+    one.run(2)
+    found = one.ended()
+    one.manager("look_at", ctypes.c_void_p(first))
+    one.run(LONGEST)
+    assert one.ended() == ("succeeded", 0)
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    return found
+
+
+def cancelled_nothing(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    one.manager("publish_trajectory")
+    one.run(500)
+    one.manager("cancel_nothing")
+    one.run(LONGEST)
+    one.is_smooth()
+    assert one.desired[-1][2:] == [0.0, 0.0]
+    assert abs(one.measured[-1] - GOAL).max() > 0.05
+    one.goal(*MOVE)  # and what comes later is followed
+    return "held" if one.finished() == ("succeeded", 0) else "?", None
 
 
 def partial(make: Make) -> Any:
@@ -313,6 +407,62 @@ def on_path(tolerance: float, parameter: float = 0.0) -> Callable[[Make], Any]:
     return run
 
 
+def held(make: Make) -> Any:
+    """A robot that stands still, whose controller does not brake: as far as its path goes on while one would."""
+    one = make()
+    one.goal([2.0], [np.add(START, (0.69, 0.0))])
+    assert one.accepted()
+    one.is_held = True
+    one.run(1300)
+    assert one.ended() == ("followed", None)
+    one.run(700)
+    away = np.abs(np.array(one.desired)[:, 0] - START[0])
+    allowed = FOLLOWING + 0.5 * 0.3 * 2.5
+    assert allowed < np.nanmax(away) < allowed + 0.15  # it comes to rest from there
+    return one.ended()
+
+
+def braked(make: Make) -> Any:
+    """The command leaves the box of the workspace, where the controller brakes until it begins again."""
+    one = make()
+    one.goal([1.5], [(0.6, 0.2)])
+    found = one.finished(None, 1900)
+    assert 0.3 < one.measured[-1][0] < 0.6
+    np.testing.assert_allclose(np.diff(one.measured[-50:], axis=0), 0.0, atol=1e-4)
+    return found
+
+
+def fighting(make: Make) -> Any:
+    """Twenty times a second, for more than a second; then one of them stops."""
+    one = make()
+    places = np.add(START, (0.2, 0.1)), np.add(START, (-0.2, -0.1))
+    for k in range(36):
+        assert one.is_contested() == (k > 21)
+        one.goal([0.8], [places[k % 2]])
+        one.manager("publish_trajectory")
+        one.run(50)
+    one.goal([0.8], [places[0]])
+    one.manager("publish_trajectory")
+    one.run(1500)
+    assert not one.is_contested()
+    np.testing.assert_allclose(one.measured[-1], places[0], atol=2e-3)
+    return "contested", None
+
+
+def streamed(make: Make) -> Any:
+    """A servo: each point where a sine will be; the links are that much later, and nothing is contested."""
+    one = make()
+    way = [np.add(START, (0.2 * np.sin(2e-3 * 1.5 * k), 0.1 * np.sin(2e-3 * 1.5 * k))) for k in range(2000)]
+    for k in range(0, 1700, 10):
+        one.goal([0.1], [way[k]])
+        one.manager("publish_trajectory")
+        one.run(20)
+        assert not one.is_contested()
+    late = [np.abs(one.measured[2 * k + 100 + 60] - way[k]).max() for k in range(200, 1600)]
+    assert max(late) < 0.03
+    return "followed", None
+
+
 def timed_out(make: Make) -> Any:
     one = make(cmd_timeout=0.3)
     one.goal(*MOVE, at_goal=TINY)
@@ -428,16 +578,23 @@ RUNS: dict[str, Callable[[Make], Any]] = {
     "number that is not finite": refused(MOVE[0], [START, (math.nan, 0.0)]),
     "speed at the end": nearly_at_rest,
     "beyond the joint's range": refused([1.0], [(3.1, 0.0)]),
+    "beyond range or speed between waypoints": refused([1.0, 1.7], [START] * 2, [(40.0, 0.0), (0.0, 0.0)]),
+    "beyond range or speed from where it is": swinging,
     "jump between waypoints": refused([0.5, 0.51], [START, GOAL]),
-    "jump from where it is": jumping,
+    "jump from where it is": jumping, "goal before one that cannot start": undisturbed,
     "past stamp, over": refused(*MOVE, begins=-1.5), "past stamp, partly": partly_past, "future stamp": future,
-    "replaced at speed": replaced, "cancelled at speed": cancelled, "goal tolerance missed": goal_missed,
+    "goal before one with a future stamp": open_until,
+    "replaced at speed": replaced, "cancelled at speed": cancelled,
+    "cancelled before it begins": cancelled_waiting, "cancel without an open goal": cancelled_nothing,
+    "goal tolerance missed": goal_missed,
     "moving at the goal": moving_at_goal,
     "goal time 0": waiting, "path tolerance": on_path(1e-5), "path tolerance 0": on_path(0.0, 1e-5),
+    "path tolerance, unstated": held, "controller brakes": braked,
     "path tolerance −1": on_path(-1.0, 1e-5), "other negative tolerance": refused(*MOVE, path=[("elbow", -0.5, 0.0)]),
     "time-out": timed_out, "speed scaling": scaled, "fault in mid-move": fault,
     "deactivated, then active at another pose": elsewhere, "not active": off, "topic": by_topic,
-    "topic, path tolerance": by_topic_beyond, "empty trajectory on the topic": empty_topic,
+    "topic, path tolerance": by_topic_beyond, "two publishers that fight": fighting,
+    "one publisher at 50 Hz": streamed, "empty trajectory on the topic": empty_topic,
 }  # fmt: skip
 
 
@@ -547,6 +704,60 @@ def test_a_refused_goal_ends_though_the_one_before_it_succeeds(make: Make) -> No
         assert one.manager("update", ctypes.c_int64(round(1e9 * PERIOD))) == 0
         one.plant.step(one.manager.input(), [], PERIOD)
     assert one.ended() == ("aborted", -1)
+
+
+def test_publishers_that_fight_are_named(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+    """Once, until they fight again."""
+    fighting(make)
+    assert (
+        capfd.readouterr().err.count("publishers of /arm_controller/joint_trajectory are /planner, /servo")
+        == 1
+    )
+
+
+def test_goals_of_one_period_are_started_one_after_the_other(make: Make) -> None:
+    """The second cannot start from the motion of the first, which goes on."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    first = one.manager("goal_handle")
+    one.goal([0.005, 1.0], [np.add(GOAL, 0.5), GOAL])
+    assert one.accepted()
+    one.run(LONGEST)
+    assert one.ended() == ("aborted", -1)
+    one.manager("look_at", ctypes.c_void_p(first))
+    assert one.ended() == ("succeeded", 0)
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+
+
+def test_more_goals_than_the_loop_reads_are_refused(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+    """None is lost without a word; those that were taken are followed one after the other."""
+    one = make()
+    handles = []
+    for k in range(20):
+        one.goal([1.0], [np.add(START, 0.01 * k)])
+        assert one.accepted()
+        handles.append(one.manager("goal_handle"))
+        one.manager("publish_trajectory")
+    assert capfd.readouterr().err.count("not read so many") > 0
+    one.run(LONGEST)
+    ends = []
+    for handle in handles:
+        one.manager("look_at", ctypes.c_void_p(handle))
+        ends.append(one.ended())
+    assert set(ends) == {("aborted", -1), ("succeeded", 0)}
+    at = np.add(START, 0.01 * ends.index(("succeeded", 0)))
+    np.testing.assert_allclose(one.measured[-1], at, atol=2e-3)
+
+
+def test_a_late_cancel_leaves_the_goal_after_it_alone(make: Make) -> None:
+    """Also one that meets no goal, and is noticed when there is another one."""
+    one = make()
+    one.goal([0.5], [START])
+    assert one.finished(None) == ("succeeded", 0)
+    one.manager("cancel_nothing")
+    one.goal(*MOVE)
+    assert one.finished() == ("succeeded", 0)
 
 
 def test_no_update_of_a_goal_allocates(make: Make, tmp_path: Path) -> None:
