@@ -9,6 +9,7 @@
 # make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace,
 # make bench-limits, make bench-firmware, make bench-codegen, make bench-estimator, make bench-certificates,
 # make bench-filters, make bench-studio, make bench-robots: measure
+# make faults    faults of sensors, drives, mechanics and clocks on four arms: what an exported controller does about them
 # make mutants;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -16,7 +17,8 @@
 
 VENV   ?= .venv
 PEERS  ?= .venv-peers
-PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
+PYTHONS := python3 python3.13 python3.12 python3.11 python
+PYTHON ?= $(shell for p in $(PYTHONS); do \
              $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; exit; }; done)
 
 # The venv's Python keeps bytecode, whatever the user's shell says: tests start hundreds of processes.
@@ -28,14 +30,15 @@ DEV     := $(VENV)/.stamp-dev
 PROJECT := $(VENV)/.stamp-project
 DOCS    := $(VENV)/.stamp-docs
 # Beside a venv's own pip stands the outer one, for systems whose Python ships without ensurepip.
-PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
+HAS      = -c 'import importlib.util, sys; sys.exit(importlib.util.find_spec(sys.argv[1]) is None)'
+PIP     := if $(PY) $(HAS) pip; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
            $$pip --disable-pip-version-check --no-input install --quiet
 
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-codegen bench-estimator bench-certificates bench-filters bench-studio bench-robots peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-codegen bench-estimator bench-certificates bench-filters bench-studio bench-robots faults peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -147,6 +150,10 @@ bench-frozen: environment-dev
 bench-limits: environment-dev
 	$(PY) -m benchmarks.limits $(if $(FILES),--files $(FILES))
 
+# Needs gcc. A seed is drawn and printed; OPTIONS="--seed 74 --runs 100" repeats and runs more. Two minutes.
+faults: environment-dev
+	$(PY) -m benchmarks.faults $(OPTIONS)
+
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev
 	$(PY) -m benchmarks.firmware
@@ -176,10 +183,11 @@ environment-docs: $(DOCS) $(PROJECT)
 
 # Either lock makes the venv anew, so that nothing of an older lock stays behind.
 $(RUN): requirements.lock requirements-dev.lock
-	@test -n "$(PYTHON)" || { echo "flexhinf needs Python 3.11 or newer; none was found. Try: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@test -n "$(PYTHON)" || { for p in $(PYTHONS); do command -v $$p && $$p --version; done >&2; \
+	  echo "flexhinf needs Python 3.11 or newer, and none of $(PYTHONS) is one. Try: make PYTHON=/path/to/python3" >&2; exit 1; }
 	@echo "Setting up $(VENV) with $$($(PYTHON) --version) (about half a minute) ..."
 	@rm -rf $(VENV)
-	@$(PYTHON) -m venv $(VENV) 2>/dev/null || { rm -rf $(VENV); $(PYTHON) -m venv --without-pip $(VENV); }
+	@if $(PYTHON) $(HAS) ensurepip; then $(PYTHON) -m venv $(VENV); else $(PYTHON) -m venv --without-pip $(VENV); fi
 	@$(PIP) --require-hashes -r requirements.lock
 	@touch $@
 

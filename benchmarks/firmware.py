@@ -218,7 +218,8 @@ def counted(folder: Path, flags: Sequence[str]) -> float:
     counting = ("--tool=callgrind", "--collect-atstart=no", "--toggle-collect=arm_step")
     # valgrind 3.19 loses the sign of a zero in a fused multiply-add: the answers are those of the processor, below
     command = ("valgrind", *counting, "--callgrind-out-file=counts", "./plain")
-    subprocess.run(command, cwd=folder, capture_output=True, check=False)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1), done.stderr
     total = re.search(r"^summary: (\d+)", (folder / "counts").read_text(encoding="utf-8"), re.MULTILINE)
     said = re.search(r"(\d+) samples", run("./plain", folder=folder))
     assert total is not None
@@ -226,7 +227,7 @@ def counted(folder: Path, flags: Sequence[str]) -> float:
     return int(total[1]) / int(said[1])
 
 
-def stack(folder: Path, compiler: str, flags: Sequence[str]) -> int | None:
+def stack(folder: Path, compiler: str, flags: Sequence[str]) -> int:
     """Bytes along the deepest calls of a step, computed."""
     texts = {name: (folder / name).read_text(encoding="utf-8") for name in ("arm.h", "arm.c")}
     return stack_bytes(texts, "arm_step", compiler, tuple(flags))
@@ -245,7 +246,7 @@ def other_flags(folder: Path, machine: str, clock: bool) -> dict[str, Any]:
     compiler, base = (
         ("gcc", PC[2:]) if machine == "x86-64" else ("arm-none-eabi-gcc", BOARDS[machine][1].split())
     )
-    stacks = [stack(folder, compiler, (level, *base)) or 0 for level in LEVELS]
+    stacks = [stack(folder, compiler, (level, *base)) for level in LEVELS]
     found: dict[str, Any] = {"stacks": [min(stacks), max(stacks)]}
     if machine == "x86-64":
         for name, avx in (("fusing", ()), ("vectors", ("-mavx2",))):

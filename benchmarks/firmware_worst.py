@@ -68,7 +68,11 @@ def steps(folder: Path, name: str) -> Iterator[dict[str, int]]:
         f"--callgrind-out-file={out / 'step'}",
     )  # fmt: skip
     # valgrind 3.19 loses the sign of a zero in a fused multiply-add, so a test may fail there; it goes on
-    subprocess.run(["valgrind", *options, f"./{name}"], cwd=folder, capture_output=True, check=False)
+    done = subprocess.run(
+        ["valgrind", *options, f"./{name}"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode in (0, 1), done.stderr
+    assert any(out.iterdir()), done.stderr
     for file in out.iterdir():
         yield counts_in(file.read_text(encoding="utf-8"))
         file.unlink()

@@ -19,7 +19,6 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import RigidArm, nearest_inertia
 from flexhinf.robot.urdf import WORLD, read_urdf
-from flexhinf.validation import read_xml
+from flexhinf.validation import optional_package, read_xml
 
 #: Where the rows are kept, the package of robots, and its folder of them.
 KEPT = Path(__file__).with_suffix(".json")
@@ -134,11 +133,14 @@ def driven_joints(root: Element) -> set[str]:
 
 
 def difference(root: Element, arm: RigidArm) -> float | None:
-    """Largest difference to Pinocchio's mass matrix, relative to its largest element; None where it cannot read it."""
+    """Largest difference to Pinocchio's mass matrix, relative to its largest element; None where it is not installed,
+    or cannot read it."""
+    pin: Any = optional_package("pinocchio")
+    if pin is None:
+        return None
     try:
-        pin: Any = import_module("pinocchio")
         model = pin.buildModelFromXML(_with_bodies(root, arm))
-    except (ImportError, ValueError, RuntimeError):
+    except (ValueError, RuntimeError):
         return None
     names, tree = [joint.name for joint in arm.joints], Tree(tuple(arm.joints))
     place = pin.neutral(model)

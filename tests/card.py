@@ -32,7 +32,7 @@ loader_type loader;
 int cards = 1, major = 9, refusal = 0, failing = 0, arrays = 0, launches = 0, backwards = 0, waits = 0;
 size_t unused = (size_t)1 << 30;
 
-int cuInit(unsigned flags) { return cards < 0 ? 100 : 0; }
+int cuInit(unsigned flags) { return cards == -1 ? 100 : cards < 0 ? 999 : 0; }
 int cuDeviceGetCount(int *count) { *count = cards; return 0; }
 int cuDeviceGet(int *device, int ordinal) { *device = ordinal; return 0; }
 int cuDeviceGetAttribute(int *value, int which, int device) { *value = which == 75 ? major : 0; return 0; }

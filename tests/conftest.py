@@ -165,9 +165,21 @@ def sources(repository: Path) -> dict[Path, list[ast.AST]]:
         gc.enable()
 
 
+#: What compilers and linkers say where a flag, a header or a library is not there; and how a program ends whose
+#: instructions the processor lacks.
+ABSENT = re.compile(
+    r"un(?:recognized|known|supported)[ \w-]*(?:option|argument|value)|not supported|bad value|"
+    r"fatal error: .*(?:No such file|not found)|cannot find|unable to find library|No such file or directory"
+)
+LACKS_AN_INSTRUCTION = -signal.SIGILL
+
+
 @cache
-def _why_not(compiler: str, flags: tuple[str, ...]) -> str:
-    """Why a program cannot be built with these flags and run; empty where it can."""
+def what_is_missing(compiler: str, flags: tuple[str, ...]) -> str:
+    """What is not there to build a program with these flags and run it; empty where all is.
+
+    A compiler that fails otherwise, and a program of it that does not run, fail the test: they are not missing.
+    """
     found = shutil.which(compiler)
     if found is None:
         return f"missing: {compiler}"
@@ -177,18 +189,20 @@ def _why_not(compiler: str, flags: tuple[str, ...]) -> str:
         )
         for words in ([found, *flags, "probe.c", "-lm", "-o", "probe"], ["./probe"]):
             done = subprocess.run(words, cwd=work, capture_output=True, text=True, check=False)
-            if done.returncode:
-                said = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
-                return f"missing: {compiler} {' '.join(flags)}, which does not work here: {said[:200]}"
+            said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+            built = words[0] == "./probe"
+            if done.returncode == LACKS_AN_INSTRUCTION if built else done.returncode and ABSENT.search(said):
+                return f"missing: what {compiler} {' '.join(flags)} needs here: {said[:200]}"
+            assert done.returncode == 0, f"{' '.join(words)}: {said[:2000]}"
     return ""
 
 
 @pytest.fixture(scope="session")
 def needs_compiler() -> Callable[..., None]:
-    """Skips, with the reason, where a compiler is missing, or what it builds with these flags does not run."""
+    """Skips, with the reason, where a compiler is missing, or what it needs for these flags."""
 
     def needed(compiler: str, *flags: str) -> None:
-        if reason := _why_not(compiler, flags):
+        if reason := what_is_missing(compiler, flags):
             pytest.skip(reason)
 
     return needed

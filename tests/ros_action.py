@@ -115,8 +115,9 @@ def trigger_type(folder: Path) -> Any:
 def _type(folder: Path, package: str, kind: str, name: str) -> Any:
     try:
         return getattr(import_module(f"{package}.{kind}"), name)
-    except ImportError:
-        pass
+    except ModuleNotFoundError as error:
+        if error.name not in (package, f"{package}.{kind}"):
+            raise
     for module in ("rosidl_cli", "catkin_pkg"):
         pytest.importorskip(module, reason=f"not in the locks: {module}, which generates types of ROS 2")
     _generate(folder, package)

@@ -118,8 +118,7 @@ def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path,
         ("robot/mujoco.py", "mujoco"),
         ("robot/mujoco.py", "mujoco.viewer"),
         ("processors.py", "scipy.linalg"),
-        ("export/ros_node.py", "name"),  # each of `OPTIONAL`
-        ("validation.py", "package"),  # `extra_package`: its argument
+        ("validation.py", "package"),  # `optional_package`: its argument
     }
     assert found == LOADED_BY_NAME | libraries
 
@@ -133,8 +132,8 @@ COMPUTE = (
 
 #: Functions of these that pages may call: texts, a unit, sums of a few numbers, a part of a result.
 READS = {
-    "common_unit", "modal_filter", "motors_alone", "persistent_bound", "proved_errors", "shrinking", "theorem_parts",
-    "verification_text",
+    "common_unit", "modal_filter", "motors_alone", "of_controller", "persistent_bound", "proved_errors", "shrinking",
+    "theorem_parts", "verification_text",
 }  # fmt: skip
 
 
@@ -319,7 +318,7 @@ TERMS = {
     "hold_inputs",
     "rests", "_RestToRest",  # a robot at rest, and a motion from rest to rest
     "DISTURBED", "disturbed",  # a plant and a loop with their disturbance
-    "FileNotFoundError", "is_running",  # of Python and of MuJoCo's viewer
+    "FileNotFoundError", "ModuleNotFoundError", "PackageNotFoundError", "is_running",  # of Python, MuJoCo's viewer
 }  # fmt: skip
 
 

@@ -6,8 +6,8 @@ import argparse
 import itertools
 import json
 import math
-import os
 import resource
+import shutil
 import statistics
 import subprocess
 import tempfile
@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import flexhinf as fh
+from benchmarks import firmware_tools, peers
 from benchmarks.arm import Arm
 from benchmarks.campaign.floating_point import LANES, peak, work_of
 from benchmarks.campaign.on_gpu import on_gpu
@@ -34,7 +35,6 @@ from flexhinf.processors import limited_threads, thread_count
 
 PERIOD, GOAL, Q, R, THREADS = 1e-3, math.pi / 2, 1e-6, 1e-6, 2
 #: The environment of numba and JAX, which are in no lock of ours: `make peers`.
-PEERS = Path(os.environ.get("FLEXHINF_PEERS", ".venv-peers"))
 
 
 class PaperArm:
@@ -94,7 +94,7 @@ class Peer:
 
     def __init__(self, name: str, task: dict[str, Any]) -> None:
         self.name = name
-        command = [str(PEERS / "bin" / "python"), str(Path(__file__).parent / "peer.py"), name]
+        command = [str(peers.PYTHON), str(Path(__file__).parent / "peer.py"), name]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._write(task)
         self.versions = json.loads(self._read())
@@ -132,11 +132,8 @@ def started_peers(
     """Those that are installed; the others are named."""
     found = {}
     for name in names:
-        probe = [str(PEERS / "bin" / "python"), "-c", f"import {name.partition('_')[0]}"]
-        try:
-            subprocess.run(probe, check=True, capture_output=True)
-        except (OSError, subprocess.CalledProcessError):
-            print(f"{name} is left out: it is not in {PEERS} (`make peers` installs it)")
+        if why := peers.missing(name.partition("_")[0]):
+            print(f"{name} is left out: {why}")
             continue
         found[name] = Peer(name, task)
     return found
@@ -319,11 +316,10 @@ def single_run(steps: int) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         program = str(Path(folder) / "hand_written")
         build = ["g++", "-std=c++17", "-O3", "-march=native", "-o", program, str(source)]
-        try:
-            subprocess.run(build, check=True, capture_output=True)
-        except (OSError, subprocess.CalledProcessError) as reason:
-            print(f"C++ by hand is left out: {reason}")
+        if shutil.which(build[0]) is None:
+            print(f"C++ by hand is left out: {build[0]} is not installed")
             return []
+        firmware_tools.run(*build, folder=Path.cwd())
         text = " ".join(repr(float(number)) for number in numbers)
         for _ in range(TURNS):
             done = subprocess.run([program], input=text, text=True, capture_output=True, check=True)

@@ -15,7 +15,6 @@ import flexhinf as fh
 from benchmarks.arm import PERIOD as PERIOD_OF_SEVEN, Arm
 from benchmarks.measure import timed
 from flexhinf.codegen import cuda
-from flexhinf.errors import FlexhinfError
 
 #: Plants at once; and robots and samples of the campaign.
 PLANTS, ROBOTS, SAMPLES = (1 << 15, 1 << 17, 1 << 19), 1_000_000, 4_000
@@ -35,13 +34,13 @@ def on_gpu(ensemble: Any, parameters: np.ndarray, goal: float, noise: float) -> 
     """
     try:
         card = cuda.card()
-    except FlexhinfError as error:
+    except cuda.NoCard as error:
         print(f"not measured: {error.what} {error.found}")
         return []
     commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
     )
-    where = f"{card.name}, driver of CUDA {card.version}, commit {commit.stdout.strip() or 'unknown'}"
+    where = f"{card.name}, driver of CUDA {card.version}, commit {commit.stdout.strip()}"
     rows = [*rates(ensemble, parameters, PLANTS, where), *rates(*seven_links(), PLANTS_OF_SEVEN, where)]
     loop = fh.Loop(ensemble.plant, ensemble.controller, 1)
     period, begun = ensemble.command.period, time.perf_counter()

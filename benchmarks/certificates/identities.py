@@ -22,12 +22,12 @@ import numpy as np
 from flint import arb, ctx, fmpq, fmpq_mpoly
 from scipy.spatial import ConvexHull
 
+from benchmarks import peers
 from flexhinf.certify.problem_to_claim import nearest_double, rational, terms_of
 
-__all__ = ["PEERS", "Identity", "Program", "Solver", "Square", "monomials", "newton_basis", "proved"]
+__all__ = ["Identity", "Program", "Solver", "Square", "monomials", "newton_basis", "proved"]
 
 #: The environment of cvxpy and Clarabel, which are in no lock of ours: `make peers`.
-PEERS = Path(os.environ.get("FLEXHINF_PEERS", ".venv-peers"))
 
 Exponents = tuple[int, ...]
 
@@ -124,7 +124,7 @@ class Solver:
     """cvxpy and Clarabel in a process of their own; its CPU seconds are summed."""
 
     def __init__(self) -> None:
-        command = [str(PEERS / "bin" / "python"), str(Path(__file__).parent / "peer.py")]
+        command = [str(peers.PYTHON), str(Path(__file__).parent / "peer.py")]
         single = os.environ | {"OMP_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=single
@@ -134,12 +134,7 @@ class Solver:
     @staticmethod
     def missing() -> str:
         """Why there is no solver; empty where there is one."""
-        probe = [str(PEERS / "bin" / "python"), "-c", "import cvxpy, clarabel"]
-        try:
-            subprocess.run(probe, check=True, capture_output=True)
-        except (OSError, subprocess.CalledProcessError):
-            return f"cvxpy and Clarabel are not in {PEERS} (`make peers` installs them)"
-        return ""
+        return peers.missing("cvxpy", "clarabel")
 
     def _read(self) -> dict[str, Any]:
         assert self.process.stdout is not None

@@ -8,7 +8,6 @@ roots of P0, Q and R are given to every filter that carries them, so that a sing
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,8 @@ import numpy as np
 from filterpy import kalman
 from fuzz.hostile_filters import Case
 
+from benchmarks import peers
 from flexhinf.estimation.square_root import root_rows
-
-PEERS = Path(os.environ.get("FLEXHINF_PEERS", ".venv-peers"))
 
 #: The unscented transform of all filters that have one: α, β, κ.
 SCALING = (1.0, 2.0, 0.0)
@@ -205,7 +203,7 @@ class Dynamax:
     """Dynamax in another process: means and variances of a case, by the name of a method; see ``peer.py``."""
 
     def __init__(self) -> None:
-        command = [str(PEERS / "bin" / "python"), str(Path(__file__).parent / "peer.py")]
+        command = [str(peers.PYTHON), str(Path(__file__).parent / "peer.py")]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.version = self._answer()
 
@@ -236,6 +234,4 @@ class Dynamax:
     @staticmethod
     def there() -> bool:
         """Whether it is installed."""
-        python = PEERS / "bin" / "python"
-        probe = [str(python), "-c", "import dynamax"]
-        return python.exists() and subprocess.run(probe, capture_output=True, check=False).returncode == 0
+        return not peers.missing("dynamax")

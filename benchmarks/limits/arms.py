@@ -146,6 +146,8 @@ def designed(folder: Path, name: str, files: Path | None) -> Iterator[str]:
                 env={**os.environ, "COLUMNS": "1000", "OMP_NUM_THREADS": "1"},  # a command in one line
             )  # fmt: skip
             (folder / f"{name}.{number}.txt").write_text(run.stdout, encoding="utf-8")
+            if run.returncode not in (0, 1, 2):  # met, not met, refused
+                raise SystemExit(f"flexhinf {shlex.join(command)} ended with {run.returncode}:\n{run.stdout}")
         command = None if number == 2 else named(said(folder, name, 1))
 
 

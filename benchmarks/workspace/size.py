@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
+from benchmarks.firmware_tools import run
+from flexhinf.codegen.program import Unsupported
 
 __all__ = ["FLAGS", "object_bytes"]
 
@@ -17,13 +19,16 @@ FLAGS = ("-std=c99", "-Os", "-march=x86-64", "-DLAW_WITHOUT_REST", "-DLAW_WITHOU
 
 
 def object_bytes(controller: Any) -> int | None:
-    """Code, constants and initialised data of the exported source; None without gcc, or where no export is possible."""
+    """Code, constants and initialised data of the exported source; None without gcc, without a controller, or of one
+    that has no form in C."""
+    if controller is None or shutil.which("gcc") is None or shutil.which("size") is None:
+        return None
     with tempfile.TemporaryDirectory() as work:
         try:
             folder = fh.export_c(controller, Path(work) / "c", "law", limits=False)
-            for words in (("gcc", *FLAGS, "-c", "law.c", "-o", "law.o"), ("size", "law.o")):
-                said = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout
-        except (fh.FlexhinfError, FileNotFoundError, subprocess.CalledProcessError):
+        except Unsupported:
             return None
+        run("gcc", *FLAGS, "-c", "law.c", "-o", "law.o", folder=folder)
+        said = run("size", "law.o", folder=folder)
     code, data, *_ = said.splitlines()[1].split()
     return int(code) + int(data)

@@ -42,7 +42,7 @@ else:
 
 try:
     import fcntl
-except ImportError:  # not on Windows
+except ModuleNotFoundError:  # not on Windows
     fcntl = None
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.

@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Generator, Iterable, Iterator,
 from contextlib import contextmanager
 from importlib import import_module
 from io import BufferedReader
+from itertools import accumulate
 from pathlib import Path
 from types import ModuleType, UnionType
 from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar, cast
@@ -243,11 +244,28 @@ def install_advice(extra: str) -> str:
 
 
 def required_package(package: str, what: str, advice: str) -> ModuleType:
-    """A package that may be missing; then an InvalidInput that begins with `what` and ends with how to get it."""
+    """As `optional_package`. Raises InvalidInput: it is not installed; `what` and `advice` are its first and last part."""
+    if (module := optional_package(package)) is None:
+        raise InvalidInput(what, f"expected the package {package!r}, which is not installed", advice)
+    return module
+
+
+def optional_package(package: str) -> ModuleType | None:
+    """A package; None where it is not installed.
+
+    Raises InvalidInput: it is installed and cannot be imported, in its own words.
+    """
     try:
         return import_module(package)
     except ImportError as error:
-        raise InvalidInput(what, f"expected the package {package!r}: {error}", advice) from error
+        root, parents = package.partition(".")[0], [*accumulate(package.split("."), "{}.{}".format)]
+        if isinstance(error, ModuleNotFoundError) and error.name in parents:
+            return None
+        raise InvalidInput(
+            f"The package {root!r} is installed and does not work here.",
+            f"expected that {package!r} can be imported, got {type(error).__name__}: {error}",
+            f"what it says that it lacks; or pip install --force-reinstall {root}",
+        ) from error
 
 
 # Names ----------------------------------------------------------------------------------------------
@@ -506,6 +524,18 @@ def access_to(path: Path, whole: Path | None = None) -> Generator[None]:
             f"{path}: {error.strerror or error}; nothing was changed",
             advice,
         ) from error
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file of this name; False for a name that no file can have. Raises NotReadable: a folder on the
+    way to it may not be looked into."""
+    try:
+        with access_to(path):
+            return path.is_file()
+    except NotReadable:
+        raise
+    except (OSError, ValueError):
+        return False
 
 
 def way_to_read(path: Path, error: Exception, whole: Path | None = None) -> str:

@@ -299,13 +299,16 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     path.write_bytes(content[:-9])
     with refused_with(InvalidInput, "'peak_input'", "peak_input.json"):
         stored_worst(journal, "peak_input")
-    assert stored_worsts(journal) == []
+    with refused_with(InvalidInput, "'peak_input'", "peak_input.json", "searches again"):
+        stored_worsts(journal)  # a damaged file is none that is missing
     assert worst_case(campaign, "peak_input", table.columns, journal=journal) == found
+    assert stored_worsts(journal) == [found]
     assert path.read_bytes() == content
     stated = json.loads(content)
     del stated["sha256"]
     path.write_bytes(sealed(stated | {"settings": stated["settings"] | {"campaign": "another"}}))
-    with pytest.raises(InvalidInput, match="another"):
+    assert stored_worsts(journal) == []  # in this campaign nothing was searched
+    with refused_with(InvalidInput, "'peak_input'", "searched"):
         stored_worst(journal, "peak_input")
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
 from tests.builders import joint_text
 from tests.refusals import Anchor, unnamed
 
+import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.design import pipeline
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.synthesis import steps
 from flexhinf.design.workspace import design
 
@@ -79,6 +82,38 @@ def test_advice_on_an_option_works(
         told.append(message)
         words = followed(message, words)
     assert unnamed("".join(told[:1]), *named) == [], told
+
+
+@pytest.mark.parametrize("limited", ["option", "file"])
+def test_a_design_says_before_its_minutes_what_an_export_will_ask_for(
+    limited: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Either advice leaves nothing to say, and the limits are those of the design."""
+    begun: list[fh.Robot | fh.Specification] = []
+
+    def started(robot: fh.Robot, specification: fh.Specification, *more: object) -> None:
+        begun[:] = robot, specification
+        raise Started
+
+    monkeypatch.setattr(sys.modules["flexhinf.design"], "design_with", started)
+    (folder / "arm.toml").write_text(CURRENT, encoding="utf-8")
+    with pytest.raises(Started):
+        main(["design", "arm.toml"])
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.startswith("note: ")
+    assert unnamed(said, "export c", "motor_current_shoulder", "motor_current_elbow", "in A") == []
+    advised = {name: re.search(rf"{name}[ =]+([\d.]+)", said) for name in ("--saturation", "effort_limit")}
+    assert all(advised.values()), said
+    number = advised["--saturation" if limited == "option" else "effort_limit"][1]  # type: ignore[index]
+    if limited == "file":
+        key = f"[[joint]]\neffort_limit = {number}"
+        (folder / "arm.toml").write_text(CURRENT.replace("[[joint]]", key), encoding="utf-8")
+    with pytest.raises(Started):
+        main(["design", "arm.toml", *(["--saturation", number] if limited == "option" else [])])
+    assert "export" not in capsys.readouterr().err
+    limits = joint_limits(*begun).saturated
+    assert limits is not None
+    assert limits.tolist() == [float(number)] * 2
 
 
 @pytest.mark.parametrize("command", ["campaign run ws/runs", "campaign merge"])

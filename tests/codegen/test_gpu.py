@@ -192,6 +192,39 @@ def test_what_a_driver_refuses_is_said_in_three_parts(on_stand_in: StandIn):  # 
     assert on_stand_in["arrays"] == 0
 
 
+@pytest.mark.ci("compiles a library in C")
+def test_a_card_that_fails_is_none_that_is_missing(
+    stand_in: StandIn,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """A worker with such a card ran its batches on its processor, and said nothing."""
+    (tmp_path / "broken.so").write_bytes(b"no library")
+    places = {
+        "there": str(stand_in.path),
+        "none": "libno-such-driver.so.1",
+        "broken": str(tmp_path / "broken.so"),
+    }
+
+    def is_there(place: str, **settings: int) -> bool:
+        before = {name: stand_in[name] for name in settings}
+        monkeypatch.setattr(cuda, "card", lambda: cuda.Card(cuda.Driver(places[place])))
+        for name, value in settings.items():
+            stand_in[name] = value
+        try:
+            return cuda.is_there()
+        finally:
+            for name, value in before.items():
+                stand_in[name] = value
+
+    assert [is_there("there"), is_there("none"), is_there("there", cards=0)] == [True, False, False]
+    assert [is_there("there", cards=-1), is_there("there", major=6)] == [False, False]
+    with refused_with(cuda.CardError, "driver", "broken.so", "cpu"):
+        is_there("broken")
+    with refused_with(cuda.CardError, 999, "cpu"):
+        is_there("there", cards=-2)
+
+
 def paper_runs() -> tuple[Ensemble, list[dict[str, float]]]:
     arm = fh.paper_arm()
     law = fh.solve_hji(arm.problem(), gamma=2 * fh.smallest_gamma(arm.problem()), degree=4)
@@ -208,10 +241,8 @@ def seven_links_runs() -> tuple[Ensemble, list[dict[str, float]]]:
 @pytest.mark.nightly("needs a GPU; runs of two arms on it, and in lanes")
 @pytest.mark.parametrize("runs", [paper_runs, seven_links_runs])
 def test_a_card_gives_the_bits_of_lanes(runs: Callable[[], tuple[Ensemble, list[dict[str, float]]]]):
-    try:
-        cuda.card()
-    except FlexhinfError as error:
-        pytest.skip(f"missing: a GPU ({error.what})")
+    if not cuda.is_there():
+        pytest.skip("missing: a GPU")
     ensemble, rows = runs()
     states = np.tile(ensemble.start["x"], (64, 1))
     states[:3, 0] = 3e9, -1e200, 1e308

@@ -14,21 +14,12 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.names import distinct_names
 from flexhinf.export.rendering import render_c
 from flexhinf.export.ros2 import ros2_values
 
 yaml = pytest.importorskip("yaml")
 
 PERIOD = 1e-3
-
-
-def test_names_are_distinct_whatever_they_are() -> None:
-    """The number behind a name made it one that was there already."""
-    names = ["a", "a_2", "a", "a_2", "a_2_3"]
-    found = distinct_names(names)
-    assert len(set(found)) == len(names)
-    assert found[:2] == names[:2]
 
 
 def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from tests.tiers import ci_and_night
 import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.stack import MACHINES, deepest, stack_bytes
+from flexhinf.export.stack import MACHINES, deepest, stack_bytes, why_not
 
 NODES = {"main": 100, "far": 30, "near": 50, "leaf": 8}
 
@@ -62,10 +62,11 @@ def test_large_estimators_need_little_stack(name: str, most: int) -> None:
         stack_bytes(code.files, "arm_step", compiler, (level, *flags))
         for compiler, _, flags in MACHINES["double"]
         for level in ("-O2", "-O3")
+        if not why_not(compiler, (level, *flags))
     ]
-    if not any(computed):
+    if not computed:
         pytest.skip("missing: gcc")
-    assert all(0 < size <= most for size in computed if size is not None)
+    assert all(0 < size <= most for size in computed)
 
 
 @pytest.mark.ci("exports with their test vectors")
@@ -79,7 +80,5 @@ def test_the_readme_states_it(which: str, controller: fh.Controller, tmp_path: P
     folder = export_c(controller, tmp_path / "c", "arm")
     files = {name: (folder / name).read_text(encoding="utf-8") for name in ("arm.h", "arm.c")}
     computed = stack_bytes(files, "arm_step", "gcc", ("-O2",))
-    assert computed is not None
     assert (500 if which == "cubic" else 0) < computed <= 2048
     assert f"{computed} bytes" in (folder / "README.md").read_text(encoding="utf-8")
-    assert stack_bytes(files, "arm_step", "no-such-gcc", ()) is None

@@ -168,13 +168,13 @@ def worst_case(
         "starts": str(starts),
         "seed": str(seed),
     }
-    try:
-        if journal is not None and (stored := stored_worst(journal, metric)).settings == settings:
+    if journal is not None:
+        try:
+            stored = _stored_case(journal, metric)
+        except Damaged:  # it is made anew
+            stored = None
+        if stored is not None and stored.settings == settings:
             return stored
-    except NotReadable:
-        raise
-    except InvalidInput:  # no file, or a damaged one: search
-        pass
     case = _searched(search, rows, (starts, seed), nominal or {}, progress, settings)
     if journal is not None:
         journal.store(FOLDER / f"{metric}.json", asdict(case))
@@ -405,25 +405,35 @@ def searchable(journal: Journal) -> list[str]:
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
     """The worst case of a metric from the campaign's folder.
 
-    InvalidInput if nothing was searched, or the file is damaged or of another campaign.
+    InvalidInput if nothing was searched, or the file is damaged.
     """
-    path = FOLDER / f"{known_metric(metric, searchable(journal))}.json"
-    try:
-        case = journal.stored(path, WorstCase)
-        if (case.settings["campaign"], case.metric) == (journal.digest, metric):
-            return case
-        raise ValueError("it is of another campaign")
-    except FileNotFoundError:
+    case = _stored_case(journal, metric)
+    if case is None:
         known = [name for name in searchable(journal) if (journal.folder / FOLDER / f"{name}.json").exists()]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
             f"the campaign's command with --worst-case --metric {metric}",
-        ) from None
+        )
+    return case
+
+
+class Damaged(InvalidInput):
+    """A file of results is there, and is not whole."""
+
+
+def _stored_case(journal: Journal, metric: str) -> WorstCase | None:
+    """The worst case of a metric; None where none was searched in this campaign. Raises Damaged, NotReadable."""
+    path = FOLDER / f"{known_metric(metric, searchable(journal))}.json"
+    try:
+        case = journal.stored(path, WorstCase)
+        return case if (case.settings["campaign"], case.metric) == (journal.digest, metric) else None
+    except FileNotFoundError:
+        return None
     except NotReadable:
         raise
     except UNREADABLE as error:
-        raise InvalidInput(
+        raise Damaged(
             f"The worst case of {metric!r} cannot be read.",
             f"{journal.folder / path}: {str(error)[:200]}",
             "the campaign's command with --worst-case, which searches again",
@@ -431,13 +441,6 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 
 
 def stored_worsts(journal: Journal) -> list[WorstCase]:
-    """Every stored worst case that can be read, in the order of the metrics."""
-    cases: list[WorstCase] = []
-    for metric in searchable(journal):
-        try:
-            cases.append(stored_worst(journal, metric))
-        except NotReadable:
-            raise
-        except InvalidInput:  # the command that searches reports a damaged file and repairs it
-            continue
-    return cases
+    """Every stored worst case, in the order of the metrics. Raises InvalidInput: one is damaged."""
+    cases = (_stored_case(journal, metric) for metric in searchable(journal))
+    return [case for case in cases if case is not None]

@@ -33,6 +33,7 @@ from flexhinf.cli.designs import (
     design_of,
     file_of,
     keep,
+    note_unlimited,
     other_robot,
 )
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, specification, step_progress
@@ -80,6 +81,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     refuse_idle(context, request)
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
+    note_unlimited(request.robot, request.specification)
     origins = robot_digests(request.source, request.elastic, folder)
     ending = [("report", 2.5)]
     begun, command, others = cpu_seconds(), reproduce_command(context), ExitStack()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.messages import note, step_progress
-from flexhinf.errors import refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
@@ -138,13 +138,30 @@ def refuse_estimates(robot: fh.Robot) -> None:
 
 def refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
     """Refuse a design, before it is made, whose controller `flexhinf.export.check_limits` would refuse."""
+    export.refuse_unlimited(*_unlimited(robot, s))
+
+
+def note_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
+    """Say the same as a note, where the design may be made for something else than an export."""
+    free, units = _unlimited(robot, s)
+    if free:
+        refusal = InvalidInput(
+            "flexhinf export c will refuse this design without --no-limits.",
+            f"expected a limit of every input, which the drives can take, got none of {', '.join(free)}",
+            export.limiting(free, units),
+        )
+        note(str(refusal))
+
+
+def _unlimited(robot: fh.Robot, s: fh.Specification) -> tuple[list[str], Mapping[str, str]]:
+    """Names of the inputs that neither the robot's file nor the specification limits, and units by signal."""
     import numpy as np
 
     from flexhinf.design.responses import joint_limits
 
     plant, stated = robot.plant(s.measured, extras=s.extras), joint_limits(robot, s).saturated
     most = np.full(len(plant.inputs), np.inf) if stated is None else stated
-    export.refuse_unlimited(export.unlimited(plant.inputs, -most, most), plant.units)
+    return export.unlimited(plant.inputs, -most, most), plant.units
 
 
 def file_of(source: str, only_design: str = "", then: str = "") -> Path:

@@ -9,7 +9,6 @@ trace, is some thousand operations in loops over its sigma points.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Generator, Hashable, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
@@ -21,7 +20,14 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, BufferPart, Order, Slice
-from flexhinf.codegen.naming import argument_names, documentation, function_name, names_of, result_names
+from flexhinf.codegen.naming import (
+    Names,
+    argument_names,
+    documentation,
+    function_name,
+    names_of,
+    result_names,
+)
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -180,7 +186,7 @@ class Composer:
         self.body: list[Step] = []
         self.size = 0  # numbers of scratch memory so far
         self.parts: list[BufferPart] = []
-        self._names = Counter[str]()
+        self._names = Names()
         self._about = ""
         self._pieces = dict[Hashable, TracedPiece]()
         self._kept = list[object]()
@@ -195,12 +201,12 @@ class Composer:
         """As `Direct.section`."""
         self._about = about
 
-    def work(self, shape: tuple[int, ...], order: Order = "C", name: str = "") -> Block:
-        """New scratch memory; `name` says in C what is computed there."""
+    def work(self, shape: tuple[int, ...], order: Order = "C", name: str = "part") -> Block:
+        """New scratch memory; `name` says in C what is computed there, with a number where another has it."""
         size = prod(shape)
         if not size:
             return Block(None, shape, order)
-        self.parts.append(BufferPart(name or self._new_name("part"), self.size, self._about))
+        self.parts.append(BufferPart(self._names.allot(name, ""), self.size, self._about))
         self._about = ""
         self.size += size
         return Block(Slice(self.scratch, self.size - size, size), shape, order)
@@ -250,9 +256,7 @@ class Composer:
         if times < 2:
             return function(*arrays) if times else arrays
         names = argument_names(function, arrays) or ("repeated",) * len(arrays)
-        held = tuple(
-            self.work(a.shape, name=self._new_name(name)) for a, name in zip(arrays, names, strict=True)
-        )
+        held = tuple(self.work(a.shape, name=name) for a, name in zip(arrays, names, strict=True))
         for array, place in zip(arrays, held, strict=True):
             self.copy(array, place)
         outside, self.body = self.body, []
@@ -310,9 +314,9 @@ class Composer:
     def sweep(self, stages: Callable[..., object], matrix: Block, *held: object) -> Block:
         """As `Direct.sweep`: steps in the memory of a column."""
         inside = _ColumnComposer(self)
-        column = inside.work((matrix.shape[0],), name=self._new_name("start"))
+        column = inside.work((matrix.shape[0],), name="start")
         result = cast(Block, stages(inside, column, *held))
-        target = self.work((len(result), matrix.shape[1]), matrix.order, self._new_name("moved"))
+        target = self.work((len(result), matrix.shape[1]), matrix.order, "moved")
         read, written = (matrix.columns, column.place), (target.columns, result.place)
         self.body.append(Sweep(tuple(inside.body), (read,), (written,), inside.size, tuple(inside.parts)))
         return target
@@ -321,7 +325,7 @@ class Composer:
         """As `Direct.beside`: every result is computed where it belongs."""
         n, count = matrix.shape
         shapes = self._traced(function, (matrix, *held), [(n,), *[None] * len(held)])[1]
-        whole = self.work((len(first), 1 + count * len(shapes)), "F", self._new_name(function_name(function)))
+        whole = self.work((len(first), 1 + count * len(shapes)), "F", function_name(function))
         self.copy(first, whole.T[:1].reshape(len(first)))
         places = [whole.T[1 + k * count : 1 + (k + 1) * count].T for k in range(len(shapes))]
         self.columns(cast("Callable[..., tuple[object, ...]]", function), matrix, *held, into=tuple(places))
@@ -344,14 +348,14 @@ class Composer:
 
     def cholesky(self, matrix: Block) -> Block:
         """As `Direct.cholesky`."""
-        factor = self.work(matrix.shape, "F", self._new_name("root"))
+        factor = self.work(matrix.shape, "F", "root")
         self.body.append(Cholesky(matrix.place, factor.place))
         return factor
 
     def householder(self, rows: Block, count: int, triangle: int = 0) -> Block:
         """As `Direct.householder`."""
         rows = self._ordered(rows, "C")
-        target = self.work(rows.shape, name=self._new_name("reflected"))
+        target = self.work(rows.shape, name="reflected")
         shape = (rows.shape[0], rows.shape[1])
         self.body.append(Householder(rows.place, target.place, shape, count, triangle))
         return target
@@ -359,14 +363,14 @@ class Composer:
     def residual(self, rows: Block, slope: Block) -> Block:
         """As `Direct.residual`."""
         rows, slope = self._ordered(rows, "C"), self._ordered(slope, "C")
-        target = self.work((len(rows), len(slope)), name=self._new_name("residual"))
+        target = self.work((len(rows), len(slope)), name="residual")
         self.body.append(Residual(rows.place, slope.place, target.place, (slope.shape[0], slope.shape[1])))
         return target
 
     def stacked(self, *matrices: Block) -> Block:
         """As `Direct.stacked`."""
         rows, first = sum(len(matrix) for matrix in matrices), 0
-        whole = self.work((rows, matrices[0].shape[1]), name=self._new_name("stacked"))
+        whole = self.work((rows, matrices[0].shape[1]), name="stacked")
         for matrix in matrices:
             self.copy(matrix, whole[first : first + len(matrix)])
             first += len(matrix)
@@ -374,7 +378,7 @@ class Composer:
 
     def polynomial(self, point: Block, table: Block, degrees: tuple[int, ...], values: int) -> Block:
         """Values of polynomials at a point (n,), see `flexhinf.codegen.memory.Polynomial`; table is (Nmon, columns)."""
-        target = self.work((values,), name=self._new_name("polynomials"))
+        target = self.work((values,), name="polynomials")
         self.body.append(Polynomial(point.place, table.place, target.place, degrees))
         return target
 
@@ -383,13 +387,8 @@ class Composer:
         self, function: Callable[..., object], shapes: Sequence[tuple[int, ...]], order: Order = "C"
     ) -> list[Block]:
         """Memory for the results of a function, by its name."""
-        names = [self._new_name(name) for name in result_names(function, len(shapes))]
-        return [self.work(shape, order, own) for shape, own in zip(shapes, names)]
-
-    def _new_name(self, name: str) -> str:
-        """This one, or with a number where it is taken."""
-        self._names[name] += 1
-        return name if self._names[name] == 1 else f"{name}{self._names[name]}"
+        names = result_names(function, len(shapes))
+        return [self.work(shape, order, name) for shape, name in zip(shapes, names)]
 
     def _outer_sum(
         self,
@@ -401,7 +400,7 @@ class Composer:
         symmetric: bool = False,
     ) -> Block:
         left, right = self._ordered(left, "C"), self._ordered(right, "C")
-        target = self.work((left.shape[1], right.shape[1]), name=self._new_name(name))
+        target = self.work((left.shape[1], right.shape[1]), name=name)
         factor, added = (None if block is None else block.place for block in (weights, plus))
         self.body.append(OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric))
         return target
@@ -416,7 +415,7 @@ class Composer:
     def _ordered(self, block: Block, order: Order) -> Block:
         if len(block.shape) < 2 or block.order == order or not block.size:
             return block
-        target = self.work(block.shape, order, self._new_name("ordered"))
+        target = self.work(block.shape, order, "ordered")
         return self.columns(_same, block, into=(target,))
 
     def _traced(
@@ -526,11 +525,11 @@ class _ColumnComposer(Composer):
             return (), []
         if (key, held) not in self._parts:
             column = (
-                (self._outside.work((before.size1_out(0),), name=self._new_name("before")).place,)
+                (self._outside.work((before.size1_out(0),), name="before").place,)
                 if before.n_out() > len(shapes)
                 else ()
             )
-            still = [self._outside.work(shape, name=self._new_name("before")) for shape in shapes]
+            still = [self._outside.work(shape, name="before") for shape in shapes]
             written = (*column, *(block.place for block in still))
             self._outside.body.append(Call(before, held, written, "What is the same for all columns", known))
             self._parts[key, held] = column, still

@@ -42,6 +42,10 @@ class CardError(FlexhinfError):
     """There is no GPU that can be used, or its driver refuses: nothing is wrong with what was to be run."""
 
 
+class NoCard(CardError):
+    """There is no GPU, no driver of one, or none that is new enough."""
+
+
 class Driver:
     """The driver's library; its functions raise CardError. `path`: Of the library, or its name.
 
@@ -53,9 +57,10 @@ class Driver:
         try:
             self._library = ctypes.CDLL(path)
         except OSError as reason:
-            raise CardError(
-                "There is no driver of a GPU.", f"expected NVIDIA's, got {path}: {reason}", ON_CPU
-            ) from reason
+            found = f"expected NVIDIA's, got {path}: {reason}"
+            if isinstance(reason, FileNotFoundError) or "no such file" in str(reason).lower():
+                raise NoCard("There is no driver of a GPU.", found, ON_CPU) from reason
+            raise CardError("The driver of the GPU cannot be loaded.", found, ON_CPU) from reason
 
     def call(self, name: str, *arguments: object) -> None:
         """Call a function by its name."""
@@ -78,7 +83,7 @@ class Driver:
         if code == _FULL:
             return CardError("The memory of the GPU is full.", found, f"a smaller batch, or {ON_CPU}")
         if code == _NO_CARD:
-            return CardError("There is no GPU.", f"expected one of NVIDIA's, got {found}", ON_CPU)
+            return NoCard("There is no GPU.", f"expected one of NVIDIA's, got {found}", ON_CPU)
         if code in _UNREADABLE:
             return CardError(
                 "The driver of the GPU cannot read the kernel.", found, f"a newer driver, or {ON_CPU}"
@@ -98,11 +103,11 @@ class Card:
         driver.call("cuInit", 0)
         driver.call("cuDeviceGetCount", ctypes.byref(number))
         if number.value == 0:
-            raise CardError("There is no GPU.", "expected one that CUDA_VISIBLE_DEVICES shows", ON_CPU)
+            raise NoCard("There is no GPU.", "expected one that CUDA_VISIBLE_DEVICES shows", ON_CPU)
         driver.call("cuDeviceGet", ctypes.byref(self._device), 0)
         version = self._attribute(_MAJOR), self._attribute(_MINOR)
         if version < OLDEST:
-            raise CardError(
+            raise NoCard(
                 "The GPU is too old.",
                 f"expected compute capability {OLDEST[0]}.{OLDEST[1]}, got {version[0]}.{version[1]}",
                 ON_CPU,
@@ -213,10 +218,10 @@ class CardMemory:
 
 
 def is_there() -> bool:
-    """Whether this process has a card that can be used."""
+    """Whether this process has a card. Raises CardError: it has one that fails."""
     try:
         card()
-    except CardError:
+    except NoCard:
         return False
     return True
 

@@ -1,13 +1,58 @@
-"""What functions, their arguments and their results are called, for C: as they are in Python."""
+"""Names for C: those that functions, arguments and results have in Python, each allotted once in its scope."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from inspect import Parameter, signature
+from itertools import count
 
 from flexhinf.codegen.memory import Block
+
+
+class Names:
+    """A scope: every name in it is allotted here, and to one thing alone.
+
+    `taken`: Names that others have in it. `around`: The scope that it lies in, none of whose names it hides.
+    """
+
+    def __init__(self, taken: Iterable[str] = (), around: Names | None = None) -> None:
+        self._taken, self._around = {*taken}, around
+        self._last = Counter[str]()  # number behind each name
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._taken or (self._around is not None and name in self._around)
+
+    def within(self, taken: Iterable[str] = ()) -> Names:
+        """A scope in this one."""
+        return Names(taken, self)
+
+    def take(self, *names: str) -> None:
+        """Keep names that are as they are: of the caller's own, whatever else may be called so."""
+        self._taken.update(names)
+
+    def allot(self, name: str, joint: str = "_") -> str:
+        """The name, or where it is taken, with the first number from 2 on behind it that makes it free."""
+        return self.numbered(name, joint, 2) if name in self else self._allotted(name)
+
+    def numbered(self, name: str, joint: str = "", first: int = 1) -> str:
+        """The name with the first number behind it that makes it free."""
+        stem = name + joint
+        numbers = count(max(first, self._last[stem] + 1))
+        self._last[stem] = next(number for number in numbers if f"{stem}{number}" not in self)
+        return self._allotted(f"{stem}{self._last[stem]}")
+
+    def _allotted(self, name: str) -> str:
+        self._taken.add(name)
+        return name
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """The names, with a number behind one that an earlier one has."""
+    scope = Names()
+    return [scope.allot(name) for name in names]
 
 
 def function_name(function: Callable[..., object]) -> str:

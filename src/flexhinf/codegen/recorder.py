@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
 from typing import TYPE_CHECKING, cast
@@ -11,7 +10,7 @@ import numpy as np
 
 from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import Direct, Result
-from flexhinf.codegen.naming import documentation, function_name, result_names
+from flexhinf.codegen.naming import Names, documentation, function_name, result_names
 from flexhinf.codegen.program import Stages, TracedStage
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ class Recorder(Direct):
         self._done: list[tuple[TracedStage, object]] = []
         self._inside = False
         self._section = self._turn = ""
-        self._names = Counter[str]()
+        self._names = Names()
         self._columns: list[tuple[str, int]] | None = (
             None  # names and sizes of the results of the columns before
         )
@@ -83,10 +82,8 @@ class Recorder(Direct):
         arrays = cast(tuple[Elements, ...], result if isinstance(result, tuple) else (result,))
         sizes = [np.size(each) for each in arrays]
         if not self._columns:
-            names, places = result_names(named, len(sizes)), [0] * len(sizes)
-            for k, name in enumerate(names):
-                self._names[name] += 1
-                names[k] += str(self._names[name]) * (self._names[name] > 1)
+            places = [0] * len(sizes)
+            names = [self._names.allot(name, "") for name in result_names(named, len(sizes))]
         else:
             names, places = (list(each) for each in zip(*self._columns, strict=True))
         if self._columns is not None:
@@ -105,10 +102,10 @@ class Recorder(Direct):
         self, times: int, function: Callable[..., tuple[Elements, ...]], *arrays: Elements
     ) -> tuple[Elements, ...]:
         """As `Direct.repeat`: every turn begins with a new stage, and gives results of the same names."""
-        names = Counter(self._names)
+        names = self._names
         for _ in range(times):
             if not self._inside:
-                self._turn, self._names = function_name(function), Counter(names)
+                self._turn, self._names = function_name(function), names.within()
             arrays = function(*arrays)
         return arrays
 

@@ -25,6 +25,7 @@ import casadi
 from flexhinf.codegen.cut import Filling, pieces
 from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, BufferPart, Slice
+from flexhinf.codegen.naming import Names
 from flexhinf.codegen.operations import OPERATIONS, SELECT
 from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, TracedStage, When
 from flexhinf.scalars.trace import built
@@ -286,8 +287,11 @@ class _Functions:
             own = self.group.get(k, self.groups[-1])
             direct = own[0] != 1 and self.call.outputs[result].buffer not in read
             self.written[own if direct else self.groups[-1]].append((result, element, k))
-        self._others: dict[str, dict[Group, int]] = {}
         labels, last = traced.labels, self._crossing()
+        self._names, self._others = (
+            Names(name for name, *_ in labels.values()),
+            dict[tuple[str, Group | None], str](),
+        )
         order = {k: (self.group[k], traced.stage[k], labels[k][2] if k in labels else k) for k in last}
         #: Values by part of the buffer and place in it; of turns of a loop, one after the other in one place.
         self.parts: dict[str, dict[int, list[int]]] = {}
@@ -299,7 +303,7 @@ class _Functions:
                 place = labels[k][1] if k in labels else len(part)
                 if place not in part or last[part[place][-1]] <= self.group[k]:
                     break
-                name += "_before"  # one of a turn before is read later
+                name = self._other(f"{name}_before", None)  # one of a turn before is read later
             part.setdefault(place, []).append(k)
             self.part_of[k] = name
         ends = [0, *accumulate(map(len, self.parts.values()))]
@@ -329,11 +333,15 @@ class _Functions:
         """The part of the buffer for a value: that of a stage's result, or what else is known of its stage."""
         if k in self.traced.labels:
             return self.traced.labels[k][0]
-        group, stages = self.group[k], self.traced.stages
+        stages = self.traced.stages
         name = stages[self.traced.stage[k]].name if stages else self.call.function.name()
-        numbers = self._others.setdefault(name, {})
-        number = numbers.setdefault(group, len(numbers) + 1)
-        return f"of_{name}" + str(number) * (number > 1)
+        return self._other(f"of_{name}", self.group[k])
+
+    def _other(self, name: str, group: Group | None) -> str:
+        """What a part is called that is of no stage's result: another name in each function."""
+        if (name, group) not in self._others:
+            self._others[name, group] = self._names.allot(name, "")
+        return self._others[name, group]
 
     def steps(self) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """The calls, and the buffer in which one passes numbers to the next."""

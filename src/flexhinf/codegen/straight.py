@@ -22,6 +22,7 @@ from flexhinf.arrays import Elements
 from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.cut import Filling, lines_of
 from flexhinf.codegen.memory import COLUMN, Buffer, BufferPart, Columns, Slice, overlap
+from flexhinf.codegen.naming import distinct
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -304,11 +305,7 @@ class _Text:
 
 def _labels(pieces: Sequence[Slice], memory: _Straight) -> tuple[str, ...]:
     """A name for each piece, each another."""
-    labels, taken = list[str](), Counter[str]()
-    for piece in pieces:
-        taken[label := memory.label((piece.buffer, piece.offset))] += 1
-        labels.append(label + f"_{taken[label]}" * (taken[label] > 1))
-    return tuple(labels)
+    return tuple(distinct(memory.label((piece.buffer, piece.offset)) for piece in pieces))
 
 
 def _sum(step: OuterSum, read: Callable[[Slice], list[casadi.SX]]) -> list[casadi.SX]:

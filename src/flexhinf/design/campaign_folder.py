@@ -32,6 +32,7 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.journal import check_own_folder
 from flexhinf.campaign.manifest import UNREADABLE, CampaignFacts, differing, listed
+from flexhinf.campaign.worst_case import Damaged
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, design_file
 from flexhinf.design.deployed_run import DesignCampaign, DesignedLaw, PoseCampaign
@@ -514,7 +515,10 @@ def search_gain(
         f"expected one of one pose of at most {certification.MOST_SEARCHED // STATES} joints",
         "--metric with a metric of the runs, as overshoot_percent",
     )
-    results = stored_gains(journal)
+    try:
+        results = stored_gains(journal)
+    except Damaged:  # they are made anew
+        results = GainResults()
     if not results.rows:
         results = GainSearch(request, float(journal.settings["duration"]), progress).results()
         results = replace(results, campaign=journal.digest)
@@ -523,11 +527,17 @@ def search_gain(
 
 
 def stored_gains(journal: Journal) -> GainResults:
-    """The results in a campaign's folder; no rows where nothing was searched, or the file is damaged."""
+    """The results in a campaign's folder; no rows where nothing was searched. Raises InvalidInput: they are damaged."""
     try:
         results = journal.stored(FILE, GainResults, _MOST_FILE)
-        return results if results.campaign == journal.digest else GainResults()
+    except FileNotFoundError:
+        return GainResults()
     except NotReadable:
         raise
-    except UNREADABLE:
-        return GainResults()
+    except UNREADABLE as error:
+        raise Damaged(
+            "The worst disturbances cannot be read.",
+            f"{journal.folder / FILE}: {str(error)[:200]}",
+            "the campaign's command with --worst-case, which searches again",
+        ) from error
+    return results if results.campaign == journal.digest else GainResults()

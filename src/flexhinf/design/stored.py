@@ -6,7 +6,6 @@ import json
 import math
 import shlex
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,7 +43,7 @@ from flexhinf.report import contents, is_report, unchanged
 from flexhinf.robot import Robot
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.waypoints import LIMITS
-from flexhinf.validation import checked_path, read_bytes, read_toml, value_text
+from flexhinf.validation import checked_path, is_file, read_bytes, read_toml, value_text
 
 #: Largest size of the file of numbers, bytes.
 MOST = 100_000_000
@@ -120,12 +119,10 @@ def load_design(folder: str | Path) -> Design:
     (True, True)
     """
     path = checked_path("The design's folder", folder)
-    there, file = False, path
-    with suppress(OSError, ValueError):  # a name that no file can have
-        file = path / DESIGN_FILE if path.is_dir() else path
-        there = file.is_file()
+    inside = path / DESIGN_FILE
+    file = inside if is_file(inside) else path
     refuse_if(
-        not there,
+        not is_file(file),
         f"There is no design {value_text(str(folder), 120)}.",
         f"expected the folder of a report, in which there is a {DESIGN_FILE}",
         "the folder of `flexhinf design ROBOT --out DIR`, or of design.save(folder)",

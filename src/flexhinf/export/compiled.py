@@ -16,7 +16,6 @@ import os
 import platform
 import re
 import shutil
-import subprocess
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,8 +27,18 @@ from numpy.typing import ArrayLike
 from flexhinf import __version__
 from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
+from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
-from flexhinf.validation import checked_path, one_of, read_bytes, real_array, value_text
+from flexhinf.loop.controller.memory import Told
+from flexhinf.loop.controller.stop import Stop
+from flexhinf.validation import (
+    checked_path,
+    one_of,
+    optional_package,
+    read_bytes,
+    real_array,
+    value_text,
+)
 
 if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
@@ -70,7 +79,6 @@ def compile_controller(
 
     from flexhinf.export.controller_c import SOURCES, code_of
     from flexhinf.export.file_list import File, rendered
-    from flexhinf.loop.controller.status import WATCHED
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)
@@ -92,9 +100,9 @@ def compile_controller(
         "status": [
             c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")
         ],
-        "bits": [int(bit) for bit in WATCHED],
+        "bits": [int(bit) for bit in code.flags],
         "rejected": code.rejected,
-        "doubt": code.doubt,
+        "told": Told.places(c.memory.places),
     }
     entry: File[ControllerCode] = File(
         "entry.c",
@@ -107,10 +115,8 @@ def compile_controller(
     )
     shared = {**code.values, "digest": code.digest}
     sources = rendered([*SOURCES, entry], code, code.name, code.real, **shared)
-    try:
-        image = shared_library(sources, ("-O3", *flags))
-    except InvalidInput:  # some compilers have no such names
-        image = shared_library(sources, ("-O3",))
+    known = flags if accepts(required_compiler(), flags) else ()
+    image = shared_library(sources, ("-O3", *known))
     write_file(target, "library", lambda part: Path(part).write_bytes(image))
     return target
 
@@ -130,19 +136,20 @@ def shared_library(
 def cortex_m4_bytes(code: ControllerCode) -> int | None:
     """Bytes of code and constants on a Cortex-M4F, C library included; None without arm-none-eabi-gcc.
 
-    The same number as by `make cortex-m4` in an exported folder.
+    The same number as by `make cortex-m4` in an exported folder. Raises InvalidInput: that compiler fails.
     """
     compiler, size = shutil.which("arm-none-eabi-gcc"), shutil.which("arm-none-eabi-size")
     if compiler is None or size is None:
         return None
     core = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
     used = (f"-Wl,--entry={code.name}_step", f"-Wl,--undefined={code.name}_init", "-Wl,--gc-sections")
+    what = "The code cannot be counted for a Cortex-M4F."
+    advice = "newlib beside the compiler (apt install libnewlib-arm-none-eabi); or no --flash"
     with TemporaryDirectory() as work:
         _write(code.files, Path(work))
         flags = ("-std=c99", "-O2", *core, f"{code.name}.c", "-nostartfiles", *used, "-lm", "-o", "alone")
-        if subprocess.run([compiler, *flags], cwd=work, capture_output=True, check=False).returncode:
-            return None
-        table = subprocess.run([size, "alone"], cwd=work, capture_output=True, text=True, check=True).stdout
+        run([compiler, *flags], Path(work), what, advice)
+        table = run([size, "alone"], Path(work), what, advice)
     text, data = table.splitlines()[1].split()[:2]
     return int(text) + int(data)
 
@@ -153,23 +160,11 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     A level of optimisation among the flags is at most `flexhinf.codegen.compiler.highest_optimisation`. Raises
     InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
-    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
-    if compiler is None:
-        raise InvalidInput(
-            "There is no C compiler.",
-            "expected the one that CC names, cc, gcc or clang, found none",
-            "install one; or `flexhinf export c`, which needs none",
-        )
+    compiler = required_compiler()
     _write(sources, folder)
     files = [file for file in sources if file.endswith(".c")]
-    command = [compiler, "-std=c99", *map(limited, flags), *files, "-lm", "-o", "built"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    refuse_if(
-        done.returncode,
-        "The C compiler does not compile the controller.",
-        f"{' '.join(command)}: {done.stderr.strip()[:400]}",
-        "another compiler in CC",
-    )
+    command = [*compiler, "-std=c99", *map(limited, flags), *files, "-lm", "-o", "built"]
+    run(command, folder, "The C compiler does not compile the controller.", "another compiler in CC")
     return folder / "built"
 
 
@@ -274,7 +269,15 @@ class CompiledController:
             if not mark:
                 raise ValueError("no library of this version")
             about = json.loads(text)
-            missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
+            here = instructions()
+            refuse_if(
+                needed.split() and here is None,
+                "The library may be for another processor.",
+                f"expected one that has {needed.strip()}, for which {self.path.name} was compiled; neither the system "
+                "nor LLVM tells what this one has",
+                "flexhinf compile DESIGN --processor any",
+            )
+            missing = sorted(set(needed.split()) - (here or set()))
             refuse_if(
                 missing,
                 "The library is for another processor.",
@@ -301,7 +304,7 @@ class CompiledController:
         self._status_places: list[int | None] = about["status"]
         self._bits = np.array(about["bits"], dtype=float)
         self._rejected_place: int | None = about.get("rejected")
-        self._doubt_place: int | None = about.get("doubt")
+        self._told_places = [(int(row), int(place)) for row, place in about["told"]]
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -311,28 +314,45 @@ class CompiledController:
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
         self._kept = (self._state, self._r, self._u, self.estimate)  # what copies and pickles hold
-        state, y, r, u, estimate = (
+        self._fresh, self._acts, self.stop = (
+            np.zeros(len(self.measured), dtype=np.intc),
+            self._u.copy(),
+            Stop(0),
+        )
+        state, y, fresh, r, u, estimate = (
             ctypes.c_void_p(array.ctypes.data)
-            for array in (self._state, self._y, self._r, self._u, self.estimate)
+            for array in (self._state, self._y, self._fresh, self._r, self._u, self.estimate)
         )
         step, elapsed = self._library.flexhinf_step, ctypes.c_double()
 
         def run(seconds: float, measured: int) -> int:
             elapsed.value = seconds  # of one object: a step allocates none
-            return step(state, y, r, elapsed, measured, u, estimate)
+            return step(state, y, fresh, r, elapsed, measured, u, estimate)
 
         def begin(x: ctypes.c_void_p | None, v: ctypes.c_void_p | None) -> int:
             return self._library.flexhinf_start(state, x, v)
 
-        self._run, self._begin = run, begin
+        acts, reasons = ctypes.c_void_p(self._acts.ctypes.data), ctypes.c_int()
+
+        def decide(code: int) -> tuple[bool, int]:
+            power = self._library.flexhinf_may_act(state, code, acts, ctypes.byref(reasons))
+            return bool(power), reasons.value
+
+        self._run, self._begin, self._decide = run, begin, decide
         self.reset()
 
-    def step(self, y: ArrayLike | None, reference: Numbers = None, elapsed: float = 0.0) -> np.ndarray:
+    def step(
+        self,
+        y: ArrayLike | None,
+        reference: Numbers = None,
+        elapsed: float = 0.0,
+        fresh: ArrayLike | None = None,
+    ) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
 
         Without a command the last one is kept (that of the operating point at first). `elapsed`: s since the step
         before, 0 if that is not known; where its mean over some 32 steps is off by more than a tenth of the period,
-        `code` is "BAD_PERIOD", nothing is computed, and the last input is held.
+        `code` is "BAD_PERIOD", nothing is computed, and the last input is held. `fresh` (p,): as of `Controller.step`.
 
         Raises
         ------
@@ -347,12 +367,26 @@ class CompiledController:
         try:
             if y is not None:
                 self._fill(self._y, y, "measurement", self.measured)
+            self._fresh[:] = 0 if fresh is None else np.asarray(fresh)
             if reference is not None:
                 self._fill(self._r[: len(self.commanded)], reference, "command", self.commanded)
             self.code = self.code_numbers[self._run(elapsed, int(y is not None))]
             return self._u.copy()
         finally:
             self._busy = False
+
+    def may_act(self) -> bool:
+        """As `Controller.may_act`; `output` is what acts."""
+        self._acts[:] = self._u
+        numbers = {name: number for number, name in self.code_numbers.items()}
+        power, reasons = self._decide(numbers[self.code])
+        self.stop = Stop(reasons)
+        return power
+
+    @property
+    def output(self) -> np.ndarray:
+        """The input (m,) that acts after `may_act`."""
+        return self._acts.copy()
 
     def _fill(self, place: np.ndarray, numbers: Numbers, what: str, names: tuple[str, ...]) -> None:
         try:
@@ -367,14 +401,22 @@ class CompiledController:
     @property
     def status(self) -> int:
         """The bits of `Controller.status`: the memory is the first part of the state."""
-        place, doubt = self._status_places[0], self._doubt_place
+        place, doubts = self._status_places[0], [at for row, at in self._told_places if row == 0]
         watched = 0 if place is None else int(self._state[place : place + len(self._bits)] @ self._bits)
-        return watched if doubt is None else watched | int(16.0 * self._state[doubt])
+        return watched | int(16.0 * self._state[doubts[0] - 1]) if doubts else watched
+
+    @property
+    def told(self) -> Told:
+        """As `Controller.told`."""
+        counts = [0.0, 0.0, 0.0]
+        for row, place in self._told_places:
+            counts[row] = float(self._state[place])
+        return Told(*counts)
 
     @property
     def doubtful_samples(self) -> int:
         """As `Controller.doubtful_samples`."""
-        return 0 if self._doubt_place is None else int(self._state[self._doubt_place + 1])
+        return int(self.told.doubtful)
 
     @property
     def rejected(self) -> np.ndarray:
@@ -419,7 +461,7 @@ class CompiledController:
         )
         self._r[: len(self.commanded)] = self._operating_reference
         self.estimate[:] = 0.0
-        self.code = "OK"
+        self.code, self.stop = "OK", Stop(0)
 
     # Copies and pickles: the library's path, and what is remembered ---------------------------------------
     def __getstate__(self) -> _Copied:
@@ -514,20 +556,26 @@ X86 = ("x86_64", "AMD64")
 
 
 @cache
-def instructions() -> frozenset[str]:
-    """Instruction sets of this processor that the system permits, by LLVM's names without points."""
+def instructions() -> frozenset[str] | None:
+    """Instruction sets of this processor that the system permits, by LLVM's names without points; None where neither
+    the system nor LLVM tells them."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:  # no Linux: LLVM knows, where it is installed
-        try:
-            from llvmlite.binding import get_host_cpu_features
-
-            features = get_host_cpu_features()
-        except (ImportError, OSError, RuntimeError):
-            return frozenset()
-        return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
+    except OSError:  # no Linux, or none that shows it: LLVM knows, where it is installed
+        return _by_llvm()
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
     return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in line.partition(":")[2].split())
+
+
+def _by_llvm() -> frozenset[str] | None:
+    llvm = optional_package("llvmlite.binding")
+    try:
+        features = {} if llvm is None else llvm.get_host_cpu_features()
+    except RuntimeError:  # LLVM does not know them on this system
+        features = {}
+    if not features:
+        return None
+    return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:
@@ -546,5 +594,5 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
     pc = platform.machine() in X86
     if processor == "native":
         return ("-march=native" if pc else "-mcpu=native",)
-    fused = processor == "portable" and pc and instructions() >= PORTABLE
+    fused = processor == "portable" and pc and (instructions() or frozenset()) >= PORTABLE
     return (*(["-march=x86-64"] if pc else []), *(f"-m{name}" for name in sorted(PORTABLE) if fused))

@@ -17,7 +17,7 @@ from flexhinf.export.file_list import File, rendered
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
-from flexhinf.export.rendering import arithmetic
+from flexhinf.export.rendering import arithmetic, names_in
 from flexhinf.robot.command_limits import command_limits, size_limits
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
@@ -170,7 +170,8 @@ def _facts(export: FeedforwardExport) -> dict[str, object]:
 
 
 def _source(export: FeedforwardExport) -> dict[str, object]:
-    translator, function = Translator(export.name, DOUBLE), _functions(export.feedforward)
+    translator = Translator(export.name, DOUBLE, taken=names_in("feedforward.c", export.name))
+    function = _functions(export.feedforward)
     called = translator.function(function)
     robot = export.feedforward.robot
     most, sizes, shaper = command_limits(robot), size_limits(robot), dict[str, object]()

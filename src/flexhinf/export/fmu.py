@@ -18,6 +18,7 @@ from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of
 from flexhinf.export.fmu_archive import DOUBLE, Fmu, FmuVariable, write_fmu
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.refusals import check_limits
+from flexhinf.export.rendering import names_in
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
 from flexhinf.plant import Plant, sub_steps
@@ -183,7 +184,7 @@ def export_plant_fmu(
     start, acting = _start(state, plant.states, "state"), _start(input, plant.inputs, "input")
     name, period = checked_identifier(name), checked_period(period)
     parameters = plant.parameters.vector()
-    translator = Translator(name, DOUBLE)
+    translator = Translator(name, DOUBLE, taken=names_in("fmu_plant.h", name))
     flow, output = translator.function(plant.traced_flow), translator.function(plant.traced_output)
     sizes = (len(plant.inputs), len(plant.disturbances), len(parameters), plant.n)
     measured = np.ravel(np.asarray(plant.traced_output(start, acting, parameters), dtype=float))

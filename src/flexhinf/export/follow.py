@@ -14,7 +14,7 @@ from flexhinf.codegen.c.source import Source
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.file_list import File
-from flexhinf.export.rendering import arithmetic
+from flexhinf.export.rendering import arithmetic, names_in
 from flexhinf.plant.joints import joint_places
 from flexhinf.robot import follow_machine
 from flexhinf.robot.drive_limits import largest_drive_torques
@@ -134,7 +134,10 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
 def _translator(code: ControllerCode) -> Translator:
     places = code.places
     sizes = places.constants_of_sizes()
-    return Translator(f"{code.name}_follow", code.real, 1, (), places.elements(), places.long_parts(), sizes)
+    taken = names_in("follow.c", code.name)
+    return Translator(
+        f"{code.name}_follow", code.real, 1, taken, places.elements(), places.long_parts(), sizes
+    )
 
 
 def _parameters(code: ControllerCode) -> dict[int, tuple[str, int]]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.codegen.c import KEYWORDS, Real, comment, constant
+from flexhinf.codegen.naming import distinct
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.law_code import LawCode
@@ -79,21 +80,10 @@ def identifier_of(text: str) -> str:
     return name
 
 
-def distinct_names(names: Sequence[str]) -> list[str]:
-    """The names, with the place behind one that an earlier one has."""
-    chosen: list[str] = []
-    for k, name in enumerate(names):
-        one = name
-        while one in chosen:
-            one = f"{one}_{k}"
-        chosen.append(one)
-    return chosen
-
-
 def constants(prefix: str, names: Sequence[str]) -> list[str]:
     """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
     plain = (re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_") for name in names)
-    return distinct_names([f"{prefix}_{text or k}" for k, text in enumerate(plain)])
+    return distinct(f"{prefix}_{text or k}" for k, text in enumerate(plain))
 
 
 #: What the numbers of a controller are.
@@ -119,6 +109,19 @@ PARTS = {
     "measurement_lower": "least measurement; an element beyond it is missing, and counted in output.rejected",
     "measurement_upper": "largest measurement, likewise",
     "measurement_rate": "largest change of a measurement, per s, since it was last plausible, likewise",
+    "reading_steps": "steps of the values of measurements; infinite: its prediction tells no repeated frame",
+    "reading_windows": "shares of a change in the mean speed of a measurement",
+    "fastest": "largest speed of each measurement, per s",
+    "ways": "of each tracked position: where its own way away from its command begins to count, and how long it may be",
+    "swing_sizes": "of each input: smallest swing that counts where it grows, and that counts always",
+    "motor_rates": "accelerations of motors per input, position, twist, speed, and speed of the twist",
+    "motor_spreads": "by how much these differ at the ends of tolerances",
+    "motor_numbers": "of each motor: gains of its observer, accelerations that are left out, twist per unit of the "
+    "signal that tells it, shares of the links",
+    "misplaced": "how far a reading may be from where the controller begins",
+    "longest_unseen": "samples for which one sensor may be missing or refused",
+    "stop_on": "bits of the signs that stop the robot",
+    "hardest": "largest accelerations of motors whose encoders nothing contradicts",
     "workspace": "least and largest commanded positions that the design is for",
     "swings": "of each input, then of each tracked position: how near to a limit counts as at it, the smallest swing, "
     "and how many make a limit cycle",
@@ -132,6 +135,8 @@ PARTS = {
     "from a third of which on it takes all; where stated, what it takes of slow motors, and how slow these are",
     "governor": "of each tracked position: how far from its command it is brought back, the speed and acceleration of "
     "that, its range, and how fast the last of it ends, 1/s",
+    "governor_curves": "of each tracked position, the curve of its spring: three stiffnesses over the model's, and the "
+    "twists of the model's spring at the torques between them",
     "resistance": "acceleration of each tracked position, per s^2, that the model does not explain, and above which a "
     "joint that is brought back lets go",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
@@ -153,7 +158,7 @@ MEMORY = {
     "bias": "what the input still has beside that of the law, after a law took over",
     "active": "which law acts",
     "command": "the last command, within its limits, or as the law is shown it",
-    "far": "of each tracked position, whether it is brought back to its command: 1 or 0",
+    "far": "of each tracked position, whether it is brought back to its command: 1 or 0, more where it is pushed",
     "hold": "of each tracked position: how it is held where something keeps it from its command",
     "watch": "of each input, then of each tracked position: what is counted of its swings and of its saturation",
     "ease": "what the input still has beside that of the law, after a following error",
@@ -164,7 +169,15 @@ MEMORY = {
     "queue": "inputs that wait for their instant",
     "commands": "commands that wait for theirs",
     "doubt": "whether the estimate is in doubt, and at how many samples it was",
-    "seen": "of each measurement: when it was last plausible, what it was, how many were rejected",
+    "readings": "of each measurement: what was last believed, how fast it moves, how many were rejected",
+    "motion": "of each joint whose spring two readings tell: how its motor is observed to move",
+    "away": "of each tracked position: its own way away from its command",
+    "opposed": "of each input: how long it has been at its limit against the motion",
+    "swung": "of each input: what is counted of large and growing swings",
+    "misplaced": "1 where the robot was not where the controller began",
+    "pauses": "long pauses of the loop, of which a part is forgotten in each sample",
+    "told": "samples so far, the first one at which a sign would stop the robot, and which",
+    "pace": "of encoders of motors: how fast they were when they changed last",
 }
 
 #: Rows of the parts that are tables.
@@ -183,6 +196,50 @@ ROWS = {
         "reacting": "likewise",
         "following_error": "likewise",
         "blocked": "likewise",
+        "repeated_frame": "likewise",
+        "sensor_lost": "likewise",
+        "inconsistent": "likewise",
+        "running_away": "likewise",
+        "too_fast": "likewise",
+        "opposed": "likewise",
+        "oscillating": "likewise",
+        "stuck": "likewise",
+    },
+    "readings": {
+        "last": "the last believed reading",
+        "since": "samples since then, 0 before the first one",
+        "refused": "how many were rejected",
+        "raw": "the last reading",
+        "change": "its last change per sample",
+        "before": "the one before",
+        "speed": "mean change per sample",
+        "predicted": "prediction when the frame changed last",
+        "still": "samples since the reading changed",
+        "lost": "rejected readings that count",
+        "fresh": "1 where the next one is known to be measured since the last step",
+    },
+    "motion": {
+        "position": "observed position",
+        "speed": "observed speed",
+        "known": "whether these are known: 1 or 0; below 0, for so many samples not",
+        "contradicted": "samples for which a contradiction lasts",
+    },
+    "away": {
+        "last": "the last position",
+        "way": "own way away from the command",
+        "long": "samples for which it is too long",
+    },
+    "opposed": {
+        "first": "speed against the input when it came to its limit",
+        "samples": "samples since then",
+    },
+    "swung": {
+        "extreme": "last extreme",
+        "foot": "the one before",
+        "direction": "1 or -1",
+        "since": "samples since the last swing ended",
+        "size": "size of that",
+        "count": "large or growing ones in a row",
     },
     "hold": {
         "share": "1, or less where the joint lets go",
@@ -202,6 +259,13 @@ ROWS = {
         "lower": "least position",
         "upper": "largest",
         "rate": "1/s",
+    },
+    "governor_curves": {
+        "first": "stiffness up to the first torque, over that of the model",
+        "second": "stiffness from there to the second",
+        "third": "stiffness beyond",
+        "low": "twist of the model's spring at the first torque, rad or m",
+        "high": "twist at the second",
     },
     "swings": {
         "near_limit": "how near to a limit counts as at it",

@@ -32,6 +32,7 @@ from flexhinf.export.self_test import EVERY, VECTOR, Tested, accuracy
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
+from flexhinf.loop.controller.protection import LOOK
 from flexhinf.plant.joints import joint_places
 from flexhinf.validation import checked_path
 
@@ -64,7 +65,7 @@ class Export(Tested):
 def _drives(export: Export) -> Mapping[str, object]:
     """What main.c and the templates know of drives."""
     text, home = export.home
-    return {"home": {"text": text, "numbers": home}, **_begin_here(export.code)}
+    return {"home": {"text": text, "numbers": home}, "look": f"{LOOK:g}", **_begin_here(export.code)}
 
 
 def _ros2(export: Export) -> Mapping[str, object]:
@@ -316,7 +317,7 @@ def _readme(export: Export) -> Mapping[str, object]:
         "memory of one controller": Markup(
             f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)"
         ),
-        "stack of a step": Markup(stack_text(code.files, code.name, code.real.name)),
+        "stack of a step": stack_text(code.files, code.name, code.real.name),
         "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": Markup(
             f"about {code.operations}; `make cortex-m4-contract` counts the most instructions"

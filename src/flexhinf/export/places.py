@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.codegen import BufferPart
+from flexhinf.codegen.naming import Names
 from flexhinf.export.names import (
     MEMORY,
     ROWS,
@@ -28,11 +29,11 @@ Row = tuple[str, int, str]
 
 def _rows(name: str, place: slice) -> list[tuple[str, int, int, str]]:
     """Name, begin, size and comment of each row of a part that is a table."""
-    rows = ROWS.get(name, {})
+    rows = list(ROWS.get(name, {}).items())[
+        : place.stop - place.start
+    ]  # of a status, the first ones may be all
     size = (place.stop - place.start) // max(1, len(rows))
-    return [
-        (f"{name}_{row}", place.start + k * size, size, text) for k, (row, text) in enumerate(rows.items())
-    ]
+    return [(f"{name}_{row}", place.start + k * size, size, text) for k, (row, text) in enumerate(rows)]
 
 
 class Places:
@@ -64,7 +65,7 @@ class Places:
     def rejected(self) -> int | None:
         """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
         if self.controller.mode.checks_measurements:
-            return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
+            return self.controller.memory.places["readings"].start + 2 * self.sizes["y"]
         return self._of_belief("rejected")
 
     def _at(self, part: str) -> str:
@@ -131,13 +132,14 @@ class Places:
     def parameters(self) -> list[Row]:
         """Parameters of the estimator's model with their units, which are a part of the numbers."""
         taken = {name for name, *_ in self.numbers()}
+        names = Names(taken)
         named = list(named_parameters(self.controller, parameter_units(self.controller, self.robot)))
         texts = constants(f"{self.prefix}_P", [name for name, *_ in named])
         first = self.controller.data.places["parameters"].start if named else 0
         unread = unread_parameters(self.controller)
         return [
             (
-                f"{text}_OF_MODEL" if text in taken else text,
+                names.allot(f"{text}_OF_MODEL" if text in taken else text),
                 first + k,
                 (unit or "no unit stated") + "; the model leaves it out" * (k in unread),
             )

@@ -48,10 +48,14 @@ def refuse_unlimited(free: Sequence[str], units: Mapping[str, str]) -> None:
         f"Nothing limits {', '.join(free)}: the controller may ask for any value.",
         "expected a lower and an upper limit of every input, which the drives can take; the robot file and the design "
         "state none",
-        f"effort_limit = 48.0, in {' or '.join(sorted({units.get(name, 'V or N·m') for name in free}))}, in each "
-        "[[joint]] of the robot file, or saturation=48.0, and design again; --no-limits "
-        "(limits=False) exports without",
+        f"{limiting(free, units)}, and design again; --no-limits (limits=False) exports without",
     )
+
+
+def limiting(free: Sequence[str], units: Mapping[str, str]) -> str:
+    """The ways to limit inputs of these names."""
+    unit = " or ".join(sorted({units.get(name, "V or N·m") for name in free}))
+    return f"effort_limit = 48.0, in {unit}, in each [[joint]] of the robot file, or saturation=48.0"
 
 
 def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> str:

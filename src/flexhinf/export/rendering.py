@@ -93,6 +93,18 @@ def c_values(name: str, real: Real) -> dict[str, object]:
     }
 
 
+def names_in(template: str, name: str) -> frozenset[str]:
+    """Names that the file of a template has, and what it includes: those that begin with its name, macros and types."""
+    text = _source(template)
+    behind = {f"{name}_{suffix}" for suffix in re.findall(r"@{name}_(\w+)", text)}
+    own = behind.union(
+        re.findall(r"#define (\w+)", text), re.findall(r"^typedef [^{;]*?(\w+);", text, re.MULTILINE)
+    )
+    return frozenset(own).union(
+        *(names_in(part, name) for part in re.findall(r'{% include "([\w./]+)" %}', text))
+    )
+
+
 def arithmetic(name: str, real: Real, switches: str = "") -> str:
     """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro.
 
@@ -246,19 +258,19 @@ def _written(context: Context, value: object) -> object:
     return value if (context.name or "").endswith(ESCAPED) else _own(value)
 
 
+def _source(name: str) -> str:
+    """The text of a template: those of the live page stand beside its other files, and those of other packages where
+    their path says."""
+    if Path(name).is_absolute():
+        return Path(name).read_text(encoding="utf-8")
+    root = files("flexhinf.export")
+    return ((root if name.startswith("web/") else root / "templates") / name).read_text(encoding="utf-8")
+
+
 @cache
 def environment() -> Environment:
     """How templates are read."""
-    root = files("flexhinf.export")
-
-    def source(name: str) -> str:
-        """Those of the live page stand beside its other files, and those of other packages where their path says."""
-        if Path(name).is_absolute():
-            return Path(name).read_text(encoding="utf-8")
-        folder = root if name.startswith("web/") else root / "templates"
-        return (folder / name).read_text(encoding="utf-8")
-
-    created = template_reader(source, lambda name: True)
+    created = template_reader(_source, lambda name: True)
     created.finalize = _written
     created.filters.update(FILTERS)  # pyright: ignore[reportUnknownMemberType]: jinja2 has no types for these
     return created

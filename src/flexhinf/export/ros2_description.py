@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from flexhinf.codegen.naming import distinct
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.names import distinct_names
 from flexhinf.robot.dynamics import Joint, Tree
 
 #: A limit that URDF wants where the robot has none.
@@ -105,7 +105,7 @@ def initial_values(names: Sequence[str], command: Mapping[str, float]) -> list[f
 
 def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Commanded]) -> list[DescribedJoint]:
     """Joints of a URDF."""
-    base, *links = distinct_names(["base_link", *(f"{name}_link" for name in tree.names)])
+    base, *links = distinct(["base_link", *(f"{name}_link" for name in tree.names)])
     speeds = [None] * len(tree) if code.robot is None else code.robot.speed_limits or [None] * len(tree)
     largest = {signal.interface: max(abs(signal.lower), abs(signal.upper)) for signal in inputs}
     rows: list[DescribedJoint] = []

@@ -13,9 +13,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib import import_module
 from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
@@ -44,7 +42,7 @@ from flexhinf.export.ros_state import state_groups, state_values
 from flexhinf.export.trajectory_server import GoalEnd, RobotIO, TrajectoryServer
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
-from flexhinf.validation import required_package
+from flexhinf.validation import optional_package, required_package
 
 #: Between two messages of joint states, and of feedback, s.
 PUBLISHED = 0.01
@@ -82,10 +80,8 @@ def ros_packages() -> dict[str, ModuleType]:
     found: dict[str, ModuleType] = {
         name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
     }
-    for name in OPTIONAL:
-        with suppress(ImportError):
-            found[name] = import_module(name)
-    return found
+    optional = {name: optional_package(name) for name in OPTIONAL}
+    return found | {name: module for name, module in optional.items() if module is not None}
 
 
 @dataclass(eq=False)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexhinf.codegen.naming import distinct
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.names import distinct_names
 from flexhinf.export.trajectory_server import TrajectoryServer
 from flexhinf.loop import Status
 
@@ -23,7 +23,7 @@ FOLLOWED = ("desired", "actual", "error")
 
 def identifiers(signals: Sequence[str]) -> list[str]:
     """Names of signals for parameters and published numbers, each once."""
-    return distinct_names([re.sub(r"[^A-Za-z0-9_]+", "_", name) for name in signals])
+    return distinct([re.sub(r"[^A-Za-z0-9_]+", "_", name) for name in signals])
 
 
 def health_names(code: ControllerCode) -> list[tuple[str, str, int]]:

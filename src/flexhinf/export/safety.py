@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import cache
-from importlib.metadata import distribution
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from flexhinf import __version__
@@ -76,24 +76,45 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, object]:
 
 @cache
 def commit() -> str:
-    """The commit of flexhinf that writes: as installed from, or of the folder that it runs in; else its version."""
-    with suppress(ImportError, ValueError):
+    """The commit of flexhinf that writes: as installed from, or of the folder that it runs in; else its version, and
+    why no commit is known."""
+    file = Path(__file__).resolve()
+    try:
         installed = json.loads(distribution("flexhinf").read_text("direct_url.json") or "{}")
         if found := installed.get("vcs_info", {}).get("commit_id"):
             return str(found)
-    here = ("git", "-C", str(Path(__file__).resolve().parent))
-    with suppress(OSError, subprocess.SubprocessError):
-        tracked = _said(*here, "ls-files", "--error-unmatch", Path(__file__).name)
-        if tracked:
-            changed = (
-                ", with changes" if _said(*here, "status", "--porcelain", "--untracked-files=no", ".") else ""
-            )
-            return _said(*here, "rev-parse", "HEAD") + changed
-    return f"not known: version {__version__}, installed without its history"
+    except PackageNotFoundError:  # it runs from a folder
+        pass
+    except ValueError as error:
+        return f"not known: version {__version__}; direct_url.json of the installation: {error}"
+    none = f"not known: version {__version__}, installed without its history"
+    if shutil.which("git") is None or not any((folder / ".git").exists() for folder in file.parents):
+        return none
+    git = ("git", "-C", str(file.parent))
+    try:
+        if (
+            _done(*git, "ls-files", "--error-unmatch", file.name).returncode == 1
+        ):  # it lies in another repository
+            return none
+        changed = (
+            ", with changes" if _said(*git, "status", "--porcelain", "--untracked-files=no", ".") else ""
+        )
+        return _said(*git, "rev-parse", "HEAD") + changed
+    except subprocess.CalledProcessError as error:
+        said = " ".join(str(error.stderr).split())[:200]
+    except (OSError, subprocess.TimeoutExpired) as error:
+        said = str(error)
+    return f"not known: version {__version__}; git fails: {said}"
 
 
 def _said(*command: str) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+    done = _done(*command)
+    done.check_returncode()
+    return done.stdout.strip()
+
+
+def _done(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=20)
 
 
 def faults(code: ControllerCode) -> list[tuple[str, ...]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +17,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.file_list import File, rendered
+from flexhinf.export.programs import accepts, c_compiler, required_compiler, unusable
 from flexhinf.export.recording import MISSING, Recording, history_of, memory_hash
 from flexhinf.loop import Status
+from flexhinf.validation import value_text
 
 #: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where
 #: they are called; in float of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C
@@ -54,8 +57,8 @@ class Accuracy:
 def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
     """In double what the C library's functions may differ by; in float what is measured with this machine's compiler.
 
-    Raises InvalidInput if inputs lose more than a test vector may allow: less while no position is moved. What is lost
-    while the controller is provoked is no measure of it.
+    Raises InvalidInput: that compiler fails, or inputs lose more than a test vector may allow, which is less while no
+    position is moved. What is lost while the controller is provoked is no measure of it.
     """
     most, plainly, parts = TOLERANCE[code.real.name], (f"-D{code.upper('PLAIN')}",), len(run.parts)
     if code.real.name == "double":
@@ -63,12 +66,12 @@ def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
         called = f"{same}, but for the C library's functions: the test vector allows {most:.0e}"
         called, most = (called, most) if code.translator.calls_library else (same, 0.0)
         return Accuracy((most,) * parts, (most,) * parts, called)
-    fused, plain = (_measured_errors(code, run, flags) for flags in (compiler_flags("portable"), plainly))
     vector = "the test vector allows"
-    if fused is None or plain is None:
-        text = f"not measured: no C compiler for this machine was found; {vector} {100 * most:g} %"
+    if reason := _why_not_measured():
+        text = f"not measured: {reason}; {vector} {100 * most:g} %"
         any_error = {"": most, "moved": SPARE * MOST_MOVED, "provoked": math.inf}
         return Accuracy(tuple(any_error[part] for part in run.parts), (math.inf,) * parts, text, said=False)
+    fused, plain = (_measured_errors(code, run, flags) for flags in (_portable(), plainly))
     worst, estimates = (np.maximum(*each) for each in zip(fused[:2], plain[:2], strict=True))
     has_moved = "moved" in run.parts
     moved_most = worst[list(run.parts).index("moved")] if has_moved else 0.0
@@ -97,26 +100,48 @@ def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
 MOVED = "; {:.2g} % while positions are moved from outside"
 
 
+def _why_not_measured() -> str:
+    """Why this machine's C compiler cannot tell what float loses; "" where it can."""
+    compiler = c_compiler()
+    if compiler is None:
+        return "no C compiler was found"
+    if reason := unusable(compiler, (), runs=True):
+        return f"{shlex.join(compiler)} makes no program that runs on this machine ({reason})"
+    return ""
+
+
+def _portable() -> tuple[str, ...]:
+    """Flags for the processors that exported libraries are for, of a compiler that knows them."""
+    flags = compiler_flags("portable")
+    return flags if accepts(required_compiler(), flags) else ()
+
+
 def _measured_errors(
     code: ControllerCode, run: Recording, flags: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, int] | None:
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Largest errors of inputs and estimates in each part of the test vector, built for this machine, infinite where a
-    result is not finite; and how many codes and bits are others."""
+    result is not finite; and how many codes and bits are others.
+
+    Raises InvalidInput: the compiler fails, changes results by flags of its own, or makes a program that ends early.
+    """
     any_error = (math.inf,) * len(run.parts)
     tested = Tested(code, (run,), Accuracy(any_error, any_error, ""))
     texts = {**code.files, **rendered([VECTOR], tested, code.name, code.real, **code.values)}
-    try:
-        with TemporaryDirectory() as work:
-            built = build(texts, Path(work), ("-O1", *flags))
-            output = subprocess.run([built], capture_output=True, text=True, check=False).stdout
-    except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
-        return None
-    if "flags of the compiler" in output:  # it has flags of its own, and the controller refuses them
-        return None
-    found = re.findall(r"largest relative error (\S+) .* of estimates (\S+)", output)
-    errors = np.array(found or [("inf", "inf")] * len(run.parts), dtype=float).T
+    with TemporaryDirectory() as work:
+        built = build(texts, Path(work), ("-O1", *flags))
+        done = subprocess.run([built], capture_output=True, text=True, check=False)
+    found = re.findall(r"largest relative error (\S+) .* of estimates (\S+)", done.stdout)
+    wrong = re.findall(r"wrong codes (\d+)", done.stdout)
+    refuse_if(
+        len(found) != len(run.parts) or not wrong,
+        "The test vector does not run to its end on this machine.",
+        f"expected an error of each of {len(run.parts)} parts, got the exit code {done.returncode} and "
+        f"{value_text((done.stdout + done.stderr).strip())}",
+        "another compiler in CC, without flags that change results; --real double measures nothing",
+    )
+    errors = np.array(found, dtype=float).T
     inputs, estimates = np.where(np.isfinite(errors), errors, math.inf)
-    return inputs, estimates, int((re.findall(r"wrong codes (\d+)", output) or ["1"])[0])
+    return inputs, estimates, int(wrong[0])
 
 
 @dataclass(frozen=True)

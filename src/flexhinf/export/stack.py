@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -12,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 from flexhinf.codegen.compiler import cached, highest_optimisation
 from flexhinf.errors import NumericalFailure
+from flexhinf.export.programs import run, unusable
 
 #: Compilers of the GNU family, for which machine, and flags of it; a double is one of the M7's own.
 MACHINES = {
@@ -33,6 +33,9 @@ MACHINES = {
     ),
 }
 
+#: Flags of gcc, of version 10 or later, by which it tells the stack of each function beside the code.
+CALL_GRAPH = ("-fcallgraph-info=su", "-S")
+
 #: How the room of a call is told, and who calls whom.
 NODE = re.compile(r'node: { title: "([^"]+)" label: "[^"]*\\n(\d+) bytes \((static|dynamic,bounded)\)')
 EDGE = re.compile(r'edge: { sourcename: "([^"]+)" targetname: "([^"]+)"')
@@ -42,58 +45,60 @@ BESIDE = "without functions of the C library"
 
 
 def stack_text(files: Mapping[str, str], name: str, real: str) -> str:
-    """The stack of ``NAME_step`` by machine, with what computed it, for a README.
+    """The stack of ``NAME_step`` by machine, with what computed it, for a README; why where nothing can.
 
-    `files`: Texts of the exported header and source by name. `real`: "double" or "float".
+    `files`: Texts of the exported header and source by name. `real`: "double" or "float". Raises InvalidInput: a
+    compiler that can fails.
     """
-    level = f"-O{min(2, highest_optimisation())}"
-    texts = [
-        f"{size} bytes on {machine} ({compiler} {level})"
-        for compiler, machine, flags in MACHINES[real]
-        if (size := _kept_bytes(files, f"{name}_step", compiler, (level, *flags))) is not None
-    ]
-    if not texts:
-        return "not computed: no gcc was found; `gcc -fcallgraph-info=su` tells it of every function"
-    return f"{', '.join(texts)}; computed from -fcallgraph-info=su along the deepest calls, {BESIDE}"
+    level, sizes, reasons = f"-O{min(2, highest_optimisation())}", list[str](), list[str]()
+    for compiler, machine, flags in MACHINES[real]:
+        if reason := why_not(compiler, (level, *flags)):
+            reasons.append(reason)
+        else:
+            size = _kept_bytes(files, f"{name}_step", compiler, (level, *flags))
+            sizes.append(f"{size} bytes on {machine} ({compiler} {level})")
+    if not sizes:
+        return f"not computed: {'; '.join(reasons)}"
+    return f"{', '.join(sizes)}; computed from -fcallgraph-info=su along the deepest calls, {BESIDE}"
 
 
-def _kept_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int | None:
+def why_not(compiler: str, flags: tuple[str, ...]) -> str:
+    """Why a compiler tells no stack with these flags; "" where it does."""
+    if shutil.which(compiler) is None:
+        return f"{compiler} was not found"
+    return unusable([compiler], [*flags, *CALL_GRAPH])
+
+
+def _kept_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int:
     """`stack_bytes`, from the cache of compiled code where this source was seen before: it is most of an export."""
-    place = shutil.which(compiler)
-    if place is None:
-        return None
     source = (text for item in sorted(files.items()) for text in item)
 
     def size() -> bytes:
         return str(stack_bytes(files, function, compiler, flags)).encode()
 
-    kept = cached(("stack", place, _version(place), function, *flags, *source), size)
-    return None if kept == b"None" else int(kept)
+    place = str(shutil.which(compiler))
+    return int(cached(("stack", place, _version(place), function, *flags, *source), size))
 
 
 @cache
 def _version(place: str) -> str:
     """What the compiler at a place says of itself."""
-    return subprocess.run([place, "--version"], capture_output=True, text=True, check=False).stdout
+    return run([place, "--version"], Path(), "A compiler does not tell its version.", "install it again")
 
 
-def stack_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int | None:
-    """Bytes of stack of a function and all that it calls, but for other libraries; None without such a compiler.
+def stack_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int:
+    """Bytes of stack of a function and all that it calls, but for other libraries.
 
-    Raises NumericalFailure: a function calls itself, or needs room that the compiler does not bound.
+    Raises InvalidInput: the compiler fails, see `why_not`. NumericalFailure: a function calls itself, or needs room
+    that the compiler does not bound.
     """
-    if shutil.which(compiler) is None:
-        return None
     with TemporaryDirectory() as work:
         for name, text in files.items():
             (Path(work) / name).write_text(text, encoding="utf-8")
         source = next(name for name in files if name.endswith(".c"))
-        command = [compiler, "-std=c99", *flags, "-fcallgraph-info=su", "-S", source, "-o", "code.s"]
-        done = subprocess.run(command, cwd=work, capture_output=True, check=False)
-        graph = Path(work) / "code.ci"
-        if done.returncode or not graph.is_file():  # too old, or clang by that name
-            return None
-        return deepest(graph.read_text(encoding="utf-8"), function)
+        command = [compiler, "-std=c99", *flags, *CALL_GRAPH, source, "-o", "code.s"]
+        run(command, Path(work), "The C compiler does not compile the controller.", "another version of it")
+        return deepest((Path(work) / "code.ci").read_text(encoding="utf-8"), function)
 
 
 def deepest(graph: str, function: str) -> int:

@@ -499,8 +499,8 @@ def _arms(judged: CampaignJudgement) -> list[PageBlock]:
             campaign, journal = stored_campaign(judged.table.journal.folder)
             robot = stored_request(journal).request.robot
             runs = [campaign.replay(sample) for sample in (worst, middle)]
-    except FlexhinfError:  # a file that is gone: the page is of the samples all the same
-        return []
+    except FlexhinfError as error:  # the page is of the samples all the same
+        return [Paragraph(f"The arm is not drawn. {error.what} {error.found}")]
     count, n = min(len(run.time) for run in runs), len(robot.joint_names)
     links = [np.asarray(run.signals["state"])[:count, :n] for run in runs]
     if middle == worst or count < 2 or not all(np.isfinite(each).all() for each in links):

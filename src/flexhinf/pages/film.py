@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, TypeAlias, cast
+from typing import IO, TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from flexhinf.pages.drawing import DOTTED, framed, line_style
 from flexhinf.report import GRID, INK, MUTED, SERIES, LineStyle, house_style
 from flexhinf.robot.kinematics import magnification, skeleton
 from flexhinf.robot.signals import signal_names
-from flexhinf.validation import checked_path, install_advice
+from flexhinf.validation import checked_path, install_advice, optional_package
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -138,13 +138,13 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
 
 
 def _encoder() -> str | None:
+    """The program ffmpeg, or that of the package imageio-ffmpeg; None where there is neither."""
     if path := shutil.which("ffmpeg"):
         return path
+    package: Any = optional_package("imageio_ffmpeg")
     try:
-        import imageio_ffmpeg
-
-        return imageio_ffmpeg.get_ffmpeg_exe()
-    except (ImportError, RuntimeError):
+        return None if package is None else package.get_ffmpeg_exe()
+    except RuntimeError:  # the package for this system brings none
         return None
 
 

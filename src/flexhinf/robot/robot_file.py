@@ -21,7 +21,7 @@ from flexhinf.robot.parts import RobotFileWarning
 from flexhinf.robot.rigid_arm import check_selection
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.toml_file import MJCF, RobotFile
-from flexhinf.validation import checked_path, nearest, value_text
+from flexhinf.validation import checked_path, is_file, nearest, value_text
 
 #: Entry points by which other packages read further formats: the name is a file's ending without its dot, and the
 #: reader is called as `load_robot` and returns a robot.
@@ -138,11 +138,8 @@ def _existing(source: str | Path) -> Path:
     shipped, path = catalogue(), checked_path("The robot file", source)
     if str(source) in shipped:
         return shipped[str(source)]
-    try:
-        if path.is_file():
-            return path
-    except (OSError, ValueError):  # a name that no file can have
-        pass
+    if is_file(path):
+        return path
     if below := usable_below(path):
         raise InvalidInput(
             f"The folder {value_text(str(source), 120)} is neither a robot nor a design.",
@@ -182,9 +179,8 @@ def robot_files(folder: Path) -> list[str]:
 def file_beside(file: Path, name: str) -> Path:
     """The file of the links that a robot's file names, relative to it; InvalidInput if there is none."""
     path = file.parent / checked_path(f"The URDF of {file.name}", name)
-    with suppress(OSError, ValueError):  # a name that no file can have
-        if path.is_file():
-            return path
+    if is_file(path):
+        return path
     names = [Path(other).name for other in robot_files(path.parent) if Path(other) != file]
     raise InvalidInput(
         f"{file.name}: there is no file {value_text(name, 120)} beside it.",

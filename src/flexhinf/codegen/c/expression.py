@@ -17,6 +17,7 @@ import casadi
 
 from flexhinf.codegen.c.algebra import Real, constant, tolerance
 from flexhinf.codegen.dataflow import LEAVES, Dataflow, Operation
+from flexhinf.codegen.naming import Names
 from flexhinf.codegen.operations import LOGIC, OPERATIONS, SELECT, TRUTHS
 
 NOTHING: Mapping[int, str] = MappingProxyType({})
@@ -50,7 +51,8 @@ class Expressions:
     `inside`: Where each value is computed; only there it may stand in the expression of another. `read`: Text of an
     element of an argument, (argument, element). `calls`: Names of functions by opcode. `named`: Elements of arguments
     that are used more than once, or chosen, have a line too. `numbers`, `flags`: Text of values that are known in the
-    function of C that is being written, as numbers and as conditions. `labels`: What values are called.
+    function of C that is being written, as numbers and as conditions. `labels`: What values are called, where nothing
+    else is in the scope of that function.
     """
 
     def __init__(
@@ -64,7 +66,7 @@ class Expressions:
         labels: Mapping[int, str] = NOTHING,
     ) -> None:
         self.flow, self.real, self._read, self._calls, self._labels = flow, real, read, calls, labels
-        self.begin({})
+        self.begin({}, Names())
         self._as_number, self._as_flag = Counter[int](), Counter[int]()
         self._plain = set[int]()  # used by an operation that takes a name
         self._lines = named
@@ -151,13 +153,13 @@ class Expressions:
         """Lines that give a value its names."""
         truth, lines = self._is_truth(value), list[str]()
         if truth and self._as_flag[value]:
-            condition, name = self.condition(value).bare, self._fresh("c")
+            condition, name = self.condition(value).bare, self._names.numbered("c")
             lines.append(f"const bool {name} = {condition};")
             self.flags[value] = name
         if value not in self.numbers and (not truth or self._as_number[value] or not lines):
-            text, name = self.number(value).bare, self._labels.get(value, "")
-            if not name or name in self.numbers.values():
-                name = self._fresh("v")
+            text, label = self.number(value).bare, self._labels.get(value, "")
+            free = label and label not in self._names
+            name = self._names.allot(label) if free else self._names.numbered("v")
             lines.append(f"const {self.real.written} {name} = {text};")
             self.numbers[value] = name
         return lines
@@ -166,13 +168,9 @@ class Expressions:
         """How many lines give a value its names."""
         return 1 + bool(self._is_truth(value) and self._as_flag[value] and self._as_number[value])
 
-    def begin(self, numbers: Mapping[int, str]) -> None:
-        """Write another function: values that are known in it, as numbers."""
-        self.numbers, self.flags, self._count = dict(numbers), dict[int, str](), Counter[str]()
-
-    def _fresh(self, letter: str) -> str:
-        self._count[letter] += 1
-        return f"{letter}{self._count[letter]}"
+    def begin(self, numbers: Mapping[int, str], names: Names) -> None:
+        """Write another function: values that are known in it, as numbers, and its scope."""
+        self.numbers, self.flags, self._names = dict(numbers), dict[int, str](), names
 
     def number(self, value: int) -> Text:
         """A value as a number."""

@@ -23,13 +23,12 @@ import casadi
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real
 from flexhinf.codegen.c.expression import Expressions
+from flexhinf.codegen.c.identifiers import ROWS
 from flexhinf.codegen.c.layout import block, headed, length, loop
 from flexhinf.codegen.cut import LINES, MOST, Filling, lines_of, pieces
 from flexhinf.codegen.dataflow import LEAVES, Dataflow
+from flexhinf.codegen.naming import Names
 from flexhinf.codegen.operations import COSTLY, OPERATIONS
-
-#: The last argument of a function that keeps rows between its loops, in memory of the caller.
-ROWS = "rows"
 
 #: Arrays of a long text without stages begin so.
 TERMS = "terms"
@@ -71,7 +70,7 @@ class FunctionText:
     `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
     of each stage. `elements`: Of each argument and result, the indices of its elements or elements of `parts`, names of
     places in an argument; None where they are 0, 1, … `labels`: What values are called. `most`: Lines of a body that is
-    cut.
+    cut. `names`: The scope of the function, in which its arguments, results and places have theirs.
     """
 
     name: str
@@ -83,6 +82,7 @@ class FunctionText:
     rows: Callable[[tuple[int, ...]], str]
     arguments: tuple[str, ...]
     results: tuple[str, ...]
+    names: Names
     apart: bool
     stages: tuple[tuple[str, str], ...] = ()
     elements: tuple[Sequence[str] | None, ...] = ()
@@ -147,20 +147,22 @@ class FunctionText:
 
     def _head(self, name: str, arguments: list[str], lines: list[str]) -> tuple[str, list[str]]:
         """The head of a function of these lines, and what it begins with."""
-        whole = name == self.name
-        keeps = whole and bool(self._arrays)
+        called = name == self.name
+        keeps = called and bool(self._arrays)
         apart = "NOINLINE " if keeps or sum(map(_operations, lines)) > LONG else ""
-        mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
+        mark = "RESTRICT " if self.lanes != 1 or self.apart or not called else ""
         declared, begin, written = list[str](), list[str](), (*self.results, *self._arrays, ROWS)
+        names = self._inside.within()
         for word in arguments:
-            changed = word in written and (whole or _changes(lines, word))
+            changed = word in written and (called or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.written} *{mark}"
             rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
             of_rows = self.lanes > 1 and any(map(rows.search, lines))
+            whole = names.allot(f"{word}_of_rows") if of_rows else word
             if of_rows:
                 pointer = f"{'' if changed else 'const '}{self.real.written} *"
-                begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")
-            declared.append("int count" if word == "count" else f"{kind}{word}{'_of_rows' * of_rows}")
+                begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {whole});")
+            declared.append("int count" if word == "count" else f"{kind}{whole}")
         return f"static {apart}void {name}({', '.join(declared)})", begin
 
     def _element(self, argument: int, element: int) -> str:
@@ -185,23 +187,27 @@ class FunctionText:
             *lines,
         ]
 
+    @cached_property
+    def _inside(self) -> Names:
+        """The scope of every part."""
+        return self.names.within(self._arrays)
+
     # One column ---------------------------------------------------------------------------------------
     def _single_parts(self) -> Iterator[tuple[str, list[str]]]:
+        names, alone = self.names.within(), len(self._parts) == 1
         for name, part in zip(self._part_names, self._parts, strict=True):
-            alone = len(self._parts) == 1
-            yield self.name if alone else f"{self.name}_{name}", list(self._part(part, alone))
+            yield self.name if alone else names.allot(f"{self.name}_{name}"), list(self._part(part, alone))
 
     @cached_property
     def _part_names(self) -> list[str]:
         """What each part is called: as the stage with most of its lines, of several stages."""
-        names, taken = list[str](), Counter[str]()
+        names, found = Names(), list[str]()
         for part in self._parts:
             stage = max(part, key=lambda piece: len(piece[1]), default=(0, list[int]()))[0]
             several = len(self.stages) > 1
             name = ("end" if stage >= len(self.stages) else self.stages[stage][0]) if several else "part"
-            taken[name] += 1
-            names.append(name + f"_{taken[name]}" * (taken[name] > 1 or not several))
-        return names
+            found.append(names.allot(name) if several else names.numbered(name, "_"))
+        return found
 
     @cached_property
     def _stage_of(self) -> dict[int, int]:
@@ -211,8 +217,7 @@ class FunctionText:
 
     @cached_property
     def _expressions(self) -> Expressions:
-        others = (*self.arguments, *self.results, *self.parts)
-        labels = {k: label for k, label in {**self._monomials, **self.labels}.items() if label not in others}
+        labels = {**self._monomials, **self.labels}
         return Expressions(self.flow, self._stage_of, self.real, self._element, self.calls, labels=labels)
 
     @cached_property
@@ -304,20 +309,21 @@ class FunctionText:
     def _array_names(self, ends: Sequence[int]) -> list[str]:
         """The array of each part, which is needed up to the end of another part: of the name of the stage, or where
         there are none, one that is free again."""
-        named = (*self.arguments, *self.results)
+        names = self.names.within()
         if self.stages:
-            return [name + "_" * (name in named) for name in self._part_names]
-        free, names = list[int](), list[str]()
+            return [names.allot(f"of_{name}") for name in self._part_names]
+        free, found, every = list[int](), list[str](), list[str]()
         for part, end in enumerate(ends):
             place = next((place for place, until in enumerate(free) if until < part), len(free))
             free[place : place + 1] = [end]
-            names.append(f"{TERMS}_{place + 1}")
-        return names
+            every += [names.numbered(TERMS, "_")] * (place == len(every))
+            found.append(every[place])
+        return found
 
     def _part(self, part: list[Stage], alone: bool) -> Iterator[str]:
         text, places = self._expressions, self._kept
         here = {k for _, own in part for k in own}
-        text.begin({k: place for k, place in places.items() if k not in here})
+        text.begin({k: place for k, place in places.items() if k not in here}, self._inside.within())
         used = {value for k in here for value in text.leaves(k)}
         before = ""
         for stage, own in part:
@@ -362,7 +368,7 @@ class FunctionText:
         if self.lanes != 1:
             return lines
         places, text = self._kept, self._expressions
-        text.begin(places)
+        text.begin(places, self._inside.within())
         declared = [f"{self.real.written} {name}[{size}];" for name, size in self._arrays.items()]
         return [*declared, *lines, *self._stored(places)]
 
@@ -372,8 +378,9 @@ class FunctionText:
         for lines in filter(None, self.several()):
             size = sum(max(1.0, lines_of(_operations(line))) for line in lines)
             parts.setdefault(filling.add(size), []).extend(lines)
-        for number, lines in enumerate(parts.values(), start=1):
-            yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
+        names, alone = self.names.within(), len(parts) == 1
+        for lines in parts.values():
+            yield self.name if alone else names.numbered(f"{self.name}_part", "_"), lines
 
     @cached_property
     def _loops(self) -> dict[int, list[tuple[list[int], Results]]]:
@@ -466,7 +473,7 @@ class FunctionText:
     def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
         text, here, lines = self._lane_expressions, set(values), list[str]()
         rows = {k: f"{ROWS}[{self._row(place)}]" for k, place in self.places.items()}
-        text.begin({k: row for k, row in rows.items() if k not in here})
+        text.begin({k: row for k, row in rows.items() if k not in here}, self._inside.within())
         own = text.lines(values)
         used = {value for k in own for value in text.leaves(k)} | {value for _, _, value in results}
         for k in own:

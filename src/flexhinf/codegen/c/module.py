@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
-from itertools import count
 from types import MappingProxyType
 from typing import Never
 
 import casadi
 
 from flexhinf.codegen.c import algebra, functions
-from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
+from flexhinf.codegen.c.algebra import Real, constant
 from flexhinf.codegen.c.function import FunctionText
+from flexhinf.codegen.c.identifiers import RESERVED, called_names
 from flexhinf.codegen.c.layout import block, headed, loop
 from flexhinf.codegen.c.parts import Parts
 from flexhinf.codegen.c.statements import Statements
-from flexhinf.codegen.dataflow import read_dataflow
+from flexhinf.codegen.dataflow import Dataflow, read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
+from flexhinf.codegen.naming import Names
 from flexhinf.codegen.operations import COSTLY, OPERATIONS, TURNS
 from flexhinf.codegen.program import (
     Call,
@@ -47,10 +48,10 @@ ROOM = "columns"
 
 NOTHING: Mapping[str, Never] = MappingProxyType({})
 
-#: Names that arguments of functions do not have.
-UNUSABLE = KEYWORDS | {"count", "kept", "l", "real", "rows"}
+#: The counter of columns, and how many of them are left.
+COUNTERS = ("c", "left")
 
-#: How names of the functions of `flexhinf.codegen.c` begin.
+#: How names of the functions of `flexhinf.codegen.c` begin, which none of a model has.
 HELPERS = (
     "cholesky",
     "copy",
@@ -74,7 +75,7 @@ class Translator:
     """Collects the functions of one or more programs; those that two of them share are written once.
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
-    for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have.
+    for at once, side by side, where there are so many. `taken`: Names that the file around the functions has.
     `elements`: Indices by name of the elements of whole buffers, for functions that are given them; or elements of
     `parts`, names of places in a buffer. `functions`: Name to text, in an order in which C can read it.
     `sizes`: Constants of C by buffer, for what is done to it as a whole. `macros`: Those that the code around the
@@ -88,18 +89,19 @@ class Translator:
         prefix: str,
         real: Real,
         lanes: int = 1,
-        taken: Container[str] = (),
+        taken: Iterable[str] = (),
         elements: Mapping[str, Sequence[str]] = NOTHING,
         parts: Mapping[str, str] = NOTHING,
         sizes: Mapping[str, str] = NOTHING,
         macros: Container[str] = (),
     ) -> None:
-        self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
+        self.prefix, self.real, self.lanes = prefix, real, lanes
+        self._names = self._scope = Names(RESERVED).within({*algebra.MACROS, *taken})
         self._elements, self._places_of, self._sizes = elements, parts, sizes
         self._macros = macros
         self._numbers: dict[str, int | None] = {}  # of each buffer
         self.functions: dict[str, str] = {}
-        self._names: dict[Hashable, str] = {}
+        self._known: dict[Hashable, str] = {}
         self.calls_library = False
         self.room = 0
         self._taken = 0  # of the room, by what is written now
@@ -124,7 +126,11 @@ class Translator:
         Raises Unsupported: A step or an operation for which there is no C here.
         """
         full, self._codes = f"{self.prefix}_{name}", codes
-        parts = [Parts(b.name, b.size or 0, b.parts) for b in program.buffers if b.parts]
+        assert full not in self.functions
+        self._names.take(full)
+        names = (*(buffer.name for buffer in program.buffers), ROOM, COLUMN, *COUNTERS)
+        self._scope = self._names.within(names)
+        parts = [Parts(b.name, b.size or 0, b.parts, self._scope) for b in program.buffers if b.parts]
         self._parts = {part.buffer: part for part in parts}
         self._numbers = {buffer.name: buffer.size for buffer in program.buffers}
         steps = list(self._body(program.body, []))
@@ -137,7 +143,7 @@ class Translator:
         def pointers(lines: Sequence[str]) -> list[str]:
             return [line for part in parts for line in part.declared(lines, self.real.written)]
 
-        statements = Statements(full, arguments, pointers, self.functions)
+        statements = Statements(full, arguments, pointers, self.functions, self._names)
         self.functions |= statements.texts(steps, str(self._codes.get(0, 0)))
         return full
 
@@ -148,7 +154,7 @@ class Translator:
             if isinstance(step, Repeat):
                 if isinstance(step.count, str):
                     raise _unsupported(f"a loop of {step.count!r} turns, a number that is given when it runs")
-                counter = f"k{len(loops)}" if step.count > 1 else "0"
+                counter = self._scope.within(loops).allot(f"k{len(loops)}") if step.count > 1 else "0"
                 turn = self._body(step.body, [*loops, counter])
                 yield from loop(counter, step.count, turn) if step.count > 1 else turn
             elif isinstance(step, When):
@@ -343,7 +349,7 @@ class Translator:
         )
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
         declared, gather, scatter = [left] if lanes > 1 else [], list[str](), list[str]()
-        places = list[str]()
+        places, inside = list[str](), self._scope.within()
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 named = shared and shared[k][1]
@@ -351,10 +357,10 @@ class Translator:
                     places.append(piece.buffer if named else start)
                 continue
             along, across = piece.moves
-            column, place = f"{start} + {_times('c', across)}", f"column{k}"
             if lanes == 1 and (along == 1 or piece.size == 1):
-                places.append(column)
+                places.append(f"{start} + {_times('c', across)}")
                 continue
+            place = inside.allot(f"column{k}")
             places.append(place)
             declared.append(self._take(place, piece.size * lanes))
             (gather if k < read else scatter).append(self._move(piece, start, place, lanes, "left", k < read))
@@ -373,10 +379,11 @@ class Translator:
             lanes = self.lanes if left >= self.lanes or left > 2 else 1
             end = step.count - left % lanes if left >= lanes else step.count
             number = str(min(left, lanes))
-            spread = _shared(step.body) if lanes > 1 else {}
+            inside = self._scope.within()
+            spread = _shared(step.body, inside) if lanes > 1 else {}
             copies = [self._take(name, piece.size * lanes) for piece, name in spread.items()]
             memory = self._take(COLUMN, step.size * lanes)
-            parts = self._parts[COLUMN] = Parts(COLUMN, step.size, step.parts, lanes)
+            parts = self._parts[COLUMN] = Parts(COLUMN, step.size, step.parts, inside, lanes)
             self._in_place = {} if lanes > 1 else self._columns_in_place(step, loops)
             lines = self._moves(step.inputs, loops, lanes, number, True)
             self._columns, self._spread = lanes, spread
@@ -472,17 +479,17 @@ class Translator:
         same = [place for place, _ in shared]
         elements = tuple(names for _, names in shared)
         key = (function.serialize(), lanes, moving, apart, tuple(map(same.index, same)), elements)
-        if key in self._names:
-            return self._names[key]
+        if key in self._known:
+            return self._known[key]
         real, size = self.real, function.n_in()
         stages = stages or Stages(function, ())
         flow = read_dataflow(stages.function, OPERATIONS, True, len(stages.rows))
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= any(OPERATIONS[code].library for code in codes if code in OPERATIONS)
         calls = {code: self._sine(code) for code in TURNS if code in codes}
-        called = _identifiers(names, size, function.n_out())
-        if shared:
-            called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
+        parts = self._parts_of(flow, elements)
+        scope = self._names.within(parts)
+        called = called_names(names, size, function.n_out(), shared, scope)
         read, written = called[:size], called[size:]
         own_labels = [stage.labels for stage in stages.rows]
         labels = {
@@ -491,44 +498,42 @@ class Translator:
         said = tuple((stage.name, stage.about) for stage in stages.rows)
         moving = moving or (False,) * size
 
-        parts = self._places_of if "data" in same else NOTHING
-        places = {part: place for part, place in parts.items() if part not in called}
-        for name in self._free(function.name()):
-            writer = FunctionText(
-                name,
-                flow,
-                real,
-                lanes,
-                moving,
-                calls,
-                self._row,
-                read,
-                written,
-                apart,
-                said,
-                elements,
-                places,
-                labels,
-            ).fitted()
-            texts = writer.texts
-            if not texts.keys() & self.functions.keys():
-                break
-        else:
-            raise AssertionError("there are always more names")
+        kept = function.name().startswith(HELPERS)
+        name = self._names.allot(f"{self.prefix}_{function.name()}{'_of_model' * kept}")
+        writer = FunctionText(
+            name,
+            flow,
+            real,
+            lanes,
+            moving,
+            calls,
+            self._row,
+            read,
+            written,
+            scope,
+            apart,
+            said,
+            elements,
+            parts,
+            labels,
+        ).fitted()
+        texts = writer.texts
+        self._names.take(*texts)
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
         self.functions |= texts | {name: _headed(about, texts[name])}
-        self._names[key] = name
+        self._known[key] = name
         return name
 
-    def _free(self, short: str) -> Iterator[str]:
-        """Names for a traced function that nothing has yet, the best one first."""
-        taken = short in self._taken_names or short.startswith(HELPERS)
-        yield from (
-            name
-            for number in count(1 + taken)
-            if (name := f"{self.prefix}_{short}" + f"_{number}" * (number > 1)) not in self.functions
-        )
+    def _parts_of(self, flow: Dataflow, elements: Sequence[tuple[str, ...] | None]) -> dict[str, str]:
+        """Parts of a buffer of which a function reads elements by the name of the part, and their places."""
+        read = (op.arguments for op in flow.operations.values() if op.code == casadi.OP_INPUT)
+        named = {
+            own[element].partition("[")[0]
+            for argument, element in read
+            if elements and (own := elements[argument])
+        }
+        return {part: place for part, place in self._places_of.items() if part in named}
 
     def _sine(self, code: int) -> str:
         """The name of the sine or the cosine."""
@@ -547,20 +552,9 @@ class Translator:
     def _helper(self, short: str, template: str, **values: object) -> str:
         name = f"{self.prefix}_{short}"
         if name not in self.functions:
+            self._names.take(name)
             self.functions[name] = functions.function_text(template, name, self.real, **values)
         return name
-
-
-def _identifiers(names: tuple[str, ...], read: int, written: int) -> tuple[str, ...]:
-    """Names of arguments and of results in C: as they are in Python, where they are known."""
-    results = ["result"] if written == 1 else [f"result{k + 1}" for k in range(written)]
-    known = [*names, *results[max(0, len(names) - read) :]] if len(names) >= read else []
-    chosen: list[str] = []
-    for k, name in enumerate(known or [*(f"in{k}" for k in range(read)), *results]):
-        word = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or f"in{k}"
-        word += "_" * (word in UNUSABLE or re.fullmatch(r"[cvw]\d+|[A-Z_]+|[0-9].*", word) is not None)
-        chosen.append(word if word not in chosen else f"{word}_{k}")
-    return tuple(chosen)
 
 
 def _headed(about: str, text: str) -> str:
@@ -570,17 +564,21 @@ def _headed(about: str, text: str) -> str:
     return text if inside and inside in text else "\n".join([*headed(about), text])
 
 
-def _shared(body: Sequence[Step]) -> dict[Slice, str]:
-    """Names of the slices that functions read and that are the same for all columns of a sweep and all turns."""
-    names: dict[Slice, str] = {}
+def _shared(body: Sequence[Step], names: Names) -> dict[Slice, str]:
+    """Names in a scope of the slices that functions read, the same for all columns of a sweep and all turns."""
+    found: dict[Slice, str] = {}
     for step in body:
         read = (
-            _shared(step.body) if isinstance(step, Repeat) else step.inputs if isinstance(step, Call) else ()
+            _shared(step.body, names)
+            if isinstance(step, Repeat)
+            else step.inputs
+            if isinstance(step, Call)
+            else ()
         )
         for piece in read:
-            if piece.buffer != COLUMN and not any(piece.strides):
-                names.setdefault(piece, f"spread{len(names)}")
-    return names
+            if piece.buffer != COLUMN and not any(piece.strides) and piece not in found:
+                found[piece] = names.allot(f"spread{len(found)}")
+    return found
 
 
 def _inside(piece: Slice, place: Slice) -> bool:

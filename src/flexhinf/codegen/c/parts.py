@@ -8,43 +8,30 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from flexhinf.codegen.c import algebra
+from flexhinf.codegen.c.identifiers import identifier
 from flexhinf.codegen.memory import BufferPart, Slice
-
-#: Names that a function of the steps, or the code around it, has for something else.
-TAKEN = {
-    "y",
-    "r",
-    "data",
-    "memory",
-    "u",
-    "estimate",
-    "after",
-    "estimated",
-    "scratch",
-    "columns",
-    "column",
-    "left",
-    "real",
-    "input",
-    "output",
-    "state",
-    "param",
-    "round",
-}
+from flexhinf.codegen.naming import Names
 
 
 @dataclass
 class Parts:
     """The parts of a buffer: pointers by their names, or constants of C, whose names are in capitals.
 
-    `size`: Numbers of the buffer, each `lanes` times.
+    `size`: Numbers of the buffer, each `lanes` times. `names`: Of the function that has the pointers.
     """
 
     buffer: str
     size: int
     parts: Sequence[BufferPart]
+    names: Names
     lanes: int = 1
     _said: set[str] = field(default_factory=set[str])
+
+    def __post_init__(self) -> None:
+        self._pointers = [
+            part.name if part.name.isupper() else self.names.allot(identifier(part.name))
+            for part in self.parts
+        ]
 
     def at(self, piece: Slice) -> str:
         """Where a piece begins, but for how it moves in loops."""
@@ -52,7 +39,7 @@ class Parts:
         if k < 0 or (piece.offset == 0 and piece.size == self.size):
             return algebra.ahead(self.buffer, piece.offset * self.lanes)
         part = self.parts[k]
-        begin = f"{self.buffer} + {part.name}" if part.name.isupper() else self._pointer(part)
+        begin = f"{self.buffer} + {part.name}" if part.name.isupper() else self._pointers[k]
         return algebra.ahead(begin, (piece.offset - part.offset) * self.lanes)
 
     def about(self, pieces: Sequence[Slice]) -> str:
@@ -68,11 +55,7 @@ class Parts:
         """The pointers that lines use, but for words of comments."""
         text = re.sub(r"/\*.*?\*/", "", "\n".join(lines), flags=re.DOTALL)
         used = set(re.findall(r"\w+", text))
-        for part in self.parts:
-            if (name := self._pointer(part)) in used and not name.isupper():
+        for part, name in zip(self.parts, self._pointers, strict=True):
+            if name in used and not name.isupper():
                 at = part.offset * self.lanes
                 yield f"{real} *const {name} = {f'&{self.buffer}[{at}]' if at else self.buffer};"
-
-    @staticmethod
-    def _pointer(part: BufferPart) -> str:
-        return f"{part.name}_" if part.name in TAKEN else part.name

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import count
 
 from flexhinf.codegen.c.layout import INDENT, block, length
 from flexhinf.codegen.cut import LINES
+from flexhinf.codegen.naming import Names
 
 #: What a block declares, by how a function that is called in it declares the same.
 DECLARED = {
@@ -38,7 +38,7 @@ class Statements:
 
     `name`: Of the function that has all of them; the others are called so with a number. `arguments`: Their
     declarations by name. `pointers`: Lines that declare what other lines use and no argument is. `functions`: Texts of
-    all that may be called, by name.
+    all that may be called, by name. `names`: Those of the file.
     """
 
     def __init__(
@@ -47,9 +47,10 @@ class Statements:
         arguments: Mapping[str, str],
         pointers: Callable[[Sequence[str]], Sequence[str]],
         functions: Mapping[str, str],
+        names: Names,
     ) -> None:
         self.name, self.arguments, self._pointers, self._functions = name, arguments, pointers, functions
-        self._numbers = count(1)
+        self._names = names
         self._parts = dict[str, str]()
 
     def texts(self, lines: Sequence[str], result: str) -> dict[str, str]:
@@ -91,7 +92,7 @@ class Statements:
         if sum(map(len, run)) <= FEW:
             yield from (line for own in run for line in own)
         else:
-            name = f"{self.name}_part_{next(self._numbers)}"
+            name = self._names.numbered(f"{self.name}_part", "_")
             self._parts[name] = self._text(name, run, scope)
             yield f"{name}({', '.join(self._used(run, scope))});"
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.export.package import mathematics
+from flexhinf.export.programs import run
 
 #: Of clang: every product and sum as it is written, so that the numbers do not depend on the browser.
 FLAGS = ("--target=wasm32", "-std=c99", "-O3", "-ffp-contract=off", "-nostdlib", "-fvisibility=hidden")
@@ -51,11 +51,10 @@ def webassembly(sources: Mapping[str, str]) -> bytes:
             (folder / name).write_text(text, encoding="utf-8")
         names = [name for name in sources if name.endswith(".c")]
         command = [clang, *FLAGS, "-isystem", ".", *LINKED, *names, "-o", "module.wasm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise InvalidInput(
-                "The code of the page cannot be compiled to WebAssembly.",
-                f"{' '.join(command)}: {done.stderr.strip()[:600]}",
-                "clang and lld of the same version, 11 or later; flexhinf export c shows the controller's C",
-            )
+        run(
+            command,
+            folder,
+            "The code of the page cannot be compiled to WebAssembly.",
+            "clang and lld of the same version, 11 or later; flexhinf export c shows the controller's C",
+        )
         return (folder / "module.wasm").read_bytes()

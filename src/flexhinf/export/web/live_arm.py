@@ -23,6 +23,7 @@ from flexhinf.arrays import Element, Elements
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
+from flexhinf.export.rendering import names_in
 from flexhinf.export.web.rival import MotorGains, stiff_gains, tuned_gains, vibration_period
 from flexhinf.loop import Controller, Waypoints
 from flexhinf.loop.controller.friction import SHARPNESS
@@ -254,7 +255,7 @@ class LiveArm:
     def simulation(self) -> dict[str, object]:
         """What the C of the plants, and of what the page calls, needs."""
         plant, c, n = self.plant, self.controller, len(self.robot.joint_names)
-        translator = Translator("plant", DOUBLE)
+        translator = Translator("plant", DOUBLE, taken=names_in("web/simulation.c", NAME))
         own = self._pack, self._standstill, self._inverse, self._frames
         flow, output, pack, standstill, inverse, frames = (
             (translator.function(one), one) for one in (plant.traced_flow, plant.traced_output, *own)
