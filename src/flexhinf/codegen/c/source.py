@@ -29,7 +29,8 @@ from typing import Annotated, Any, NamedTuple, NoReturn, TypeAlias, get_args, ge
 
 import numpy as np
 
-from flexhinf.codegen.c.algebra import KEYWORDS, Real, comment, constant
+from flexhinf.codegen.c.algebra import Real, comment, constant
+from flexhinf.codegen.c.identifiers import KEYWORDS
 from flexhinf.codegen.c.layout import block, headed
 from flexhinf.codegen.program import Unsupported
 
