@@ -61,8 +61,7 @@ from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
 from flexhinf.loop.controller.protection import LOOK, STOPS
 from flexhinf.loop.controller.readings import Readings, believed_readings
-from flexhinf.loop.controller.signs import PAUSES as TOO_MANY
-from flexhinf.loop.controller.signs import SIGNS
+from flexhinf.loop.controller.signs import PAUSES as TOO_MANY, SIGNS
 from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.status import WATCHED, possible_status
 from flexhinf.loop.controller.stop import (

@@ -6,6 +6,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, Unpack, cast
 
@@ -55,10 +56,10 @@ from flexhinf.loop.controller.options import (
 from flexhinf.loop.controller.protection import Pausing, Protection
 from flexhinf.loop.controller.readings import Readings, believable, first_readings
 from flexhinf.loop.controller.signs import first_signs
+from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import STEPS, StepMode, controller_step
-from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.stop import Stop, decided, first_stop, reasons, stop_numbers
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
@@ -216,9 +217,10 @@ class Controller(Summarised):
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
-            protection.watch(estimator, solution.input_names, self.measurement_limits, supervision) if protection else
-            None,
         )  # fmt: skip
+        if protection is not None:
+            watch = protection.watch(estimator, solution.input_names, self.measurement_limits, supervision)
+            self.mode = replace(self.mode, protected=watch)
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
