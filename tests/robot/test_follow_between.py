@@ -15,7 +15,7 @@ import flexhinf as fh
 from flexhinf.codegen.c.source import room
 from flexhinf.robot import FollowCode, FollowGoal
 from flexhinf.robot.follow_limits import BETWEEN, EDGE, ROUNDING
-from flexhinf.robot.follow_machine import leaves, spanned
+from flexhinf.robot.follow_pieces import leaves, spanned
 from flexhinf.robot.robot import Robot
 
 #: Speed limits of both joints, rad/s; their ranges are ± 3.0 and ± 2.6 rad.

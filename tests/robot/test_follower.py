@@ -14,7 +14,7 @@ import flexhinf as fh
 from flexhinf.codegen.c.source import zeros
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import FollowCode, FollowGoal
-from flexhinf.robot.follow_machine import between
+from flexhinf.robot.follow_pieces import between
 
 PERIOD = 2e-3
 NAMES = ("shoulder", "elbow")

@@ -18,7 +18,7 @@ from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.file_list import rendered
 from flexhinf.export.follow import FILES, follow_values, follower_of
 from flexhinf.robot.follow_goal import FollowGoal
-from flexhinf.robot.follow_machine import Goal, Input, Options, Output, Point, State
+from flexhinf.robot.follow_records import Goal, Input, Options, Output, Point, State
 from flexhinf.robot.follower import FollowCode, Follower, FollowerStatus, FollowReason, FollowSample
 from flexhinf.validation import checked_array, real_array
 
@@ -67,7 +67,7 @@ class CompiledFollower(FollowerStatus):
         self._library, self._kind, self._name = library, kind, name
         self._param = ctypes.c_char.in_dll(library, f"{name}_defaults")
         self._state, self._options, self._input, self._output = map(
-            self._made, (State, Options, Input, Output)
+            self._record, (State, Options, Input, Output)
         )
         self._kept: list[np.ndarray] = []  # that the C may still read: of the goal, and of one that waits
         self.reset(np.asarray(self.robot.home, dtype=float))
@@ -75,7 +75,7 @@ class CompiledFollower(FollowerStatus):
     def _structure(self, record: type[Record]) -> type[ctypes.Structure]:
         return structure(record, tuple(self.follower.own.sizes.items()), self._kind)
 
-    def _made(self, record: type[Record]) -> Any:
+    def _record(self, record: type[Record]) -> Any:
         return self._structure(record)()
 
     def _call(self, name: str, *arguments: Any) -> int:
@@ -91,7 +91,7 @@ class CompiledFollower(FollowerStatus):
         q = checked_array(what, position, (n,), f"{n} finite numbers", "one for each joint")
         self._state_options()
         self._call("init", self._state, _place(q.astype(self._kind)))
-        self._output, self._kept = self._made(Output), []
+        self._output, self._kept = self._record(Output), []
 
     def _state_options(self) -> None:
         own = self.follower
@@ -105,7 +105,7 @@ class CompiledFollower(FollowerStatus):
 
     def start(self, goal: FollowGoal, number: int = 0) -> FollowCode:
         """As `Follower.start`."""
-        self._state.told = 0
+        self._state.ended = 0
         code, ordered, points = self._checked(goal, number)
         if code is FollowCode.SUCCESSFUL:
             waited = self.waits
@@ -117,7 +117,7 @@ class CompiledFollower(FollowerStatus):
         return code
 
     def _checked(self, goal: FollowGoal, number: int) -> tuple[FollowCode, Any, np.ndarray]:
-        ordered, rows = self._made(Goal), goal.ordered(self.robot.joint_names)
+        ordered, rows = self._record(Goal), goal.ordered(self.robot.joint_names)
         layout: Any = self._structure(Point)
         points: Any = np.zeros(np.size(goal.times), dtype=layout)
         if rows is None:
@@ -143,13 +143,13 @@ class CompiledFollower(FollowerStatus):
         self, position: Numbers, velocity: Numbers, speed: float = 1.0, path_rate: float = 1.0
     ) -> FollowSample:
         """As `Follower.step`, with the links' positions and velocities (n,) stated."""
-        given, found = self._input, self._output
-        given.position[:], given.velocity[:] = (
+        sample, found = self._input, self._output
+        sample.position[:], sample.velocity[:] = (
             np.ravel(real_array(position)).tolist(),
             np.ravel(real_array(velocity)).tolist(),
         )
-        given.speed, given.path_rate = speed, path_rate
-        code = FollowCode(self._call("step", self._state, self._options, self._param, given, found))
+        sample.speed, sample.path_rate = speed, path_rate
+        code = FollowCode(self._call("step", self._state, self._options, self._param, sample, found))
         row, places, rates = (
             np.array(part, dtype=self._kind) for part in (found.r, found.position, found.velocity)
         )

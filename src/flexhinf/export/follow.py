@@ -16,7 +16,7 @@ from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.file_list import File
 from flexhinf.export.rendering import arithmetic, names_in
 from flexhinf.plant.joints import joint_places
-from flexhinf.robot import follow_machine
+from flexhinf.robot import follow_machine, follow_pieces, follow_records
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
@@ -77,11 +77,14 @@ def follow_values(code: ControllerCode) -> dict[str, object]:
     return {} if follower is None else _values(code, follower)
 
 
+#: What is written as C.
+MODULES = (follow_records, follow_pieces, follow_machine)
+
 #: Records of the header, in an order in which C can read them; functions of it that are written once; and what C has
 #: otherwise than Python.
 RECORDS = ("Point", "Tolerance", "Goal", "Options", "Input", "Output", "End", "State")
-FUNCTIONS = ("check", "start", "cancel_goal", "end_all", "rest_at", "sample", "judge", "streams")
-GIVEN = ("smooth", "commanded")
+FUNCTIONS = ("check", "start", "cancel_goal", "end_all", "stand_at", "sample", "judge", "streams")
+EXTERNAL = ("smooth", "commanded")
 
 
 def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
@@ -94,9 +97,9 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
     )
     prefix, names = f"{code.name}_follow", ("JOINTS", "SAMPLES", "DELAYED", "ENDS")
     outside = {name: f"{prefix.upper()}_{name}" for name in names} | {"COMMANDS": code.upper("COMMANDS")}
-    header = Source(follow_machine, prefix, Real(real.name, f"{code.name}_real"), own, outside)
+    header = Source(MODULES, prefix, Real(real.name, f"{code.name}_real"), own, outside)
     inside = {"JOINTS": "JOINTS", "SAMPLES": "SAMPLES", "joints": "JOINTS", "samples": "SAMPLES"}
-    machine = Source(follow_machine, prefix, Real(real.name, "scalar"), own, inside, GIVEN)
+    machine = Source(MODULES, prefix, Real(real.name, "scalar"), own, inside, EXTERNAL)
     functions = machine.functions(*FUNCTIONS)
     twists = largest_twists(code, robot)
     return {

@@ -520,7 +520,7 @@ class Played(NamedTuple):
     ended: list[tuple[int, int, int, int]]  # step, number, code and reason
 
 
-def _told(step: int, follower: Follower) -> list[tuple[int, int, int, int]]:
+def _ends_of(step: int, follower: Follower) -> list[tuple[int, int, int, int]]:
     return [(step, number, int(code), int(reason)) for number, code, reason in follower.ends]
 
 
@@ -549,13 +549,13 @@ def _played(session: FollowerTrial, happens: Sequence[Event]) -> Played:
             found.answers.append(answer)
             found.numbers.append(number)
             if now.what is not None:
-                found.ended.extend(_told(k, follower))
+                found.ended.extend(_ends_of(k, follower))
         away = np.zeros((2, n)) if now.away is None else now.away
         sample = follower.advance(at + away[0], moves + away[1], now.speed, now.rate)
         at, moves = sample.position, sample.velocity
         found.samples.append(sample)
         found.says.append((int(sample.result), int(follower.waits)))
-        found.ended.extend(_told(k, follower))
+        found.ended.extend(_ends_of(k, follower))
     return found
 
 

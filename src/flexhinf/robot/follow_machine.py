@@ -9,13 +9,33 @@ then reads which goals have ended (`State.ends`).
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import Annotated
 
 import numpy as np
 
-from flexhinf.codegen.c.source import Record, counters, room, zeros
+from flexhinf.codegen.c.source import room, zeros
 from flexhinf.robot.follow_limits import FollowLimits
+from flexhinf.robot.follow_pieces import (
+    at_point,
+    between,
+    column,
+    leaves,
+    spanned,
+    spent_after,
+)
+from flexhinf.robot.follow_records import (
+    FollowCode,
+    FollowReason,
+    Goal,
+    Input,
+    Joints,
+    Long,
+    Motion,
+    Options,
+    Output,
+    State,
+    Three,
+)
 
 #: Points of a path that one sample may pass, which bounds its time: nearer ones are refused.
 PASSED = 16
@@ -30,155 +50,8 @@ MOST_JUDGED = 1_000_000
 #: joint_trajectory_controller.
 RESTING = 2.0**-23
 
-#: Halvings of a part of a polynomial whose coefficients leave a range and whose ends do not. Coefficients are off the
-#: curve by a quarter at each: what is left is 2e-10 of them, and counts as rounding.
-HALVINGS = 16
-
-#: Parts of a polynomial that are looked at, at most: more than one that stays within a range has, however near it is.
-PARTS = 256
-
 #: For so long after the last goal that led back, and from so long on, goals that replace one another are a quarrel, s.
 CALM, QUARREL = 0.5, 1.0
-
-Joints = Annotated[list[float], "JOINTS"]
-Flags = Annotated[list[int], "JOINTS"]
-Three = Annotated[list[float], 3]
-Six = Annotated[list[float], 6]
-Long = Annotated[int, "long"]
-Motion = Annotated[list[list[float]], 5, "JOINTS"]
-
-
-class FollowCode(IntEnum):
-    """What `Follower` answers: the codes of control_msgs/FollowJointTrajectory, and two of its own above them."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
-    ACTIVE = 1
-    IDLE = 2
-
-
-class FollowReason(IntEnum):
-    """Why a goal ended, beside its code."""
-
-    BY_CODE = 0
-    REPLACED = 1
-    CANCELLED = 2
-    BRAKED = 3
-    DROPPED = 4
-
-
-class Point(Record):
-    """A waypoint."""
-
-    time: float  # from the beginning of the trajectory
-    position: Joints
-    velocity: Joints
-    acceleration: Joints
-    order: int  # 1: positions alone; 2: velocities too; 3: accelerations too
-
-
-class Tolerance(Record):
-    """Of a goal: 0 is what the options have, -1 is any difference. Of the options: 0 is any difference."""
-
-    position: Joints
-    velocity: Joints
-
-
-class Goal(Record):
-    """A trajectory of waypoints."""
-
-    points: Annotated[list[Point], "many"]  # they must stay where they are until another goal is followed
-    count: int
-    moves: Flags  # 0: a joint that the goal leaves out; its numbers are not read
-    begins: float  # from now until the trajectory begins; below 0: since then
-    path: Tolerance
-    goal: Tolerance
-    goal_time: float  # after the end of the path, in which the goal must be reached; 0 and -1 as above
-    number: Long  # by which its end is told and it is cancelled; 0: neither
-
-
-class Options(Record):
-    """What holds for goals that state none."""
-
-    path: Tolerance
-    goal: Tolerance
-    goal_time: float  # 0: any
-    timeout: float  # after the end of a path, after which its goal is given up; 0: none
-    stop_time: float  # in which joints come to rest after a cancelled goal, or that a goal leaves out
-    partial: int  # whether a goal may leave joints out
-    limited: int  # whether a goal that is too quick for the drives is refused
-
-
-class Input(Record):
-    """What a sample is given."""
-
-    position: Joints  # as output.estimate of the last step
-    velocity: Joints
-    speed: float  # fraction of its speed with which a trajectory is followed, 0 to 1; at once at rest
-    path_rate: (
-        float  # output.path_rate of the last step; 1 before it. At 0 the path stands, and its goal ends
-    )
-
-
-class Output(Record):
-    """What a sample gives."""
-
-    r: Annotated[list[float], "COMMANDS"]
-    position: Joints  # where the links are to be now
-    velocity: Joints
-    waits: int  # whether a goal waits until it begins; the one before is still followed
-    contested: (
-        int  # whether goals have replaced one another for more than a second, back and forth: two sources
-    )
-    result: int  # ACTIVE, IDLE, or in one sample how the goal ended
-
-
-class End(Record):
-    """How a goal ended."""
-
-    number: Long
-    code: int
-    reason: int
-
-
-class State(Record):
-    """What is remembered between samples. Only `told` and `ends` are for the caller: goals with numbers that ended in
-    the last call; each that was started ends once."""
-
-    told: int  # how many
-    ends: Annotated[list[End], "ENDS"]
-    path: Annotated[np.ndarray, "SAMPLES", "JOINTS"]
-    motion: Annotated[list[list[list[float]]], 2, 5, "JOINTS"]
-    part: float
-    before: Annotated[list[list[list[float]]], "DELAYED", 2, "JOINTS"]
-    now: Annotated[list[list[float]], 3, "JOINTS"]
-    begun: Annotated[list[list[float]], 3, "JOINTS"]  # the motion from which the goal, or a stop, began
-    spent: Joints  # of the jump that smoothing takes
-    target: Joints  # of the last goal, and how it moved the target of the one before
-    turn: Joints
-    speed: float
-    since: float
-    first: float
-    age: float
-    stop_time: float
-    stopped_at: float
-    goal: Goal
-    next: Goal
-    wait: Long  # samples, as those below
-    late: Long
-    contested: Long
-    calm: Long
-    newest: int
-    has_next: int
-    active: int
-    stops: int  # whether there is no goal: what moves comes to rest
-    segment: int
-    left: int
-    refused: int
 
 
 def share(value: float) -> float:
@@ -189,156 +62,6 @@ def share(value: float) -> float:
 def counted(samples: Long) -> Long:
     """One sample more, as far as they are counted."""
     return min(samples + 1, MOST_COUNTED)
-
-
-# The path between two waypoints ------------------------------------------------------------------------
-def between(begin: Three, end: Three, time: float, at: float, order: int, result: Three) -> None:
-    """On the polynomial between two waypoints, `at` seconds from the first: linear, cubic or quintic."""
-    s, way = at / time, end[0] - begin[0]
-    if order == 1:
-        result[0] = begin[0] + s * way
-        result[1] = way / time
-        result[2] = 0.0
-    else:
-        v0, v1 = time * begin[1], time * end[1]
-        c2, c3, c4, c5 = 3.0 * way - (2.0 * v0 + v1), (v0 + v1) - 2.0 * way, 0.0, 0.0
-        if order == 3:
-            a0, a1 = time * time * begin[2], time * time * end[2]
-            c2 = 0.5 * a0
-            c3 = 10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
-            c4 = 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1 - 15.0 * way
-            c5 = 6.0 * way - 3.0 * v0 - 3.0 * v1 - 0.5 * a0 + 0.5 * a1
-        result[0] = begin[0] + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
-        result[1] = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * (5.0 * c5))))) / time
-        result[2] = (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * (20.0 * c5)))) / (time * time)
-
-
-def spanned(begin: Three, end: Three, time: float, order: int, place: Six, speed: Six) -> int:
-    """Bernstein coefficients of that polynomial and of its velocity; its degree."""
-    degree, mean = 2 * order - 1, (end[0] - begin[0]) / time
-    speed[0] = mean
-    if order > 1:
-        speed[0] = begin[1]
-        speed[degree - 1] = end[1]
-    if order == 2:
-        speed[1] = 3.0 * mean - begin[1] - end[1]
-    if order == 3:
-        speed[1] = begin[1] + 0.25 * time * begin[2]
-        speed[3] = end[1] - 0.25 * time * end[2]
-        speed[2] = 5.0 * mean - (begin[1] + speed[1]) - (speed[3] + end[1])
-    place[0] = begin[0]
-    for i in range(degree):
-        place[i + 1] = place[i] + time * speed[i] / float(degree)
-    return degree
-
-
-def leaves(coefficients: Six, degree: int, low: float, high: float) -> int:
-    """Whether a polynomial in Bernstein's form is beyond a range somewhere from 0 to 1, or is no number: it is halved
-    until the coefficients of a part say that it is not, or an end of one that it is."""
-    parts = room(HALVINGS + 1, 6)
-    halved = counters(HALVINGS + 1)
-    count, found, looked = 1, 0, 0
-    for i in range(degree + 1):
-        parts[0][i] = coefficients[i]
-    while count > 0 and found == 0:
-        part, half = parts[count - 1], halved[count - 1]
-        looked += 1
-        if not (low <= part[0] <= high and low <= part[degree] <= high) or looked > PARTS:
-            found = 1
-        elif half == HALVINGS or is_inside(part, degree, low, high) != 0:
-            count -= 1
-        else:  # the second half stays in its place, the first one is the next
-            for i in range(degree + 1):
-                parts[count][i] = part[0]
-                for k in range(degree - i):
-                    part[k] = 0.5 * (part[k] + part[k + 1])
-            halved[count - 1] = half + 1
-            halved[count] = half + 1
-            count += 1
-    return found
-
-
-def is_inside(coefficients: Six, degree: int, low: float, high: float) -> int:
-    """Whether all coefficients are in a range."""
-    inside = 1
-    for i in range(degree + 1):
-        if not low <= coefficients[i] <= high:
-            inside = 0
-    return inside
-
-
-def width(coefficients: Six, degree: int) -> float:
-    """How far coefficients are apart."""
-    least, most = coefficients[0], coefficients[0]
-    for i in range(degree + 1):
-        least = min(least, coefficients[i])
-        most = max(most, coefficients[i])
-    return most - least
-
-
-def at_point(point: Point, j: int, result: Three) -> None:
-    """Joint j of a waypoint."""
-    result[0] = point.position[j]
-    result[1] = point.velocity[j]
-    result[2] = point.acceleration[j]
-
-
-def column(motion: Annotated[list[list[float]], 3, "JOINTS"], j: int, result: Three) -> None:
-    """Joint j of a motion."""
-    for k in range(3):
-        result[k] = motion[k][j]
-
-
-def spent_after(
-    own: FollowLimits, j: int, begin: Three, end: Three, time: float, order: int, spent: float
-) -> float:
-    """What joint j has spent of the jump that smoothing takes, after a way; below 0 where it leaves its range on that
-    way, or is faster than its speed limit, but for such a jump."""
-    place, speed = room(6), room(6)
-    degree = spanned(begin, end, time, order, place, speed)
-    size, left, quick = abs(end[0] - begin[0]), 0.0, 1 if time < own.smoothing else 0
-    if own.paced:
-        if leaves(speed, degree - 1, -own.peak[j], own.peak[j]) != 0:  # a jump, as far as it goes
-            size, quick = width(place, degree), 1
-        if size > own.fastest[j] * time:
-            quick = 1
-        left = max(spent + size - own.peak[j] * time, 0.0)
-        if left > own.farthest[j]:
-            left = -1.0
-    if size > own.farthest[j] and quick != 0:
-        left = -1.0
-    low, high = min(own.low[j], begin[0]) - own.rounding[j], max(own.high[j], begin[0]) + own.rounding[j]
-    if leaves(place, degree, low, high) != 0:
-        left = -1.0
-    return left
-
-
-def streams(own: FollowLimits, spent: Joints, periods: Long, before: Joints, r: Joints) -> int:
-    """Whether joints can be at a row so many periods after another: within range and speed, but for a jump."""
-    fits = 1
-    for j in range(own.joints):
-        low, high = (
-            min(own.low[j], before[j]) - own.rounding[j],
-            max(own.high[j], before[j]) + own.rounding[j],
-        )
-        if not (low <= r[j] <= high and abs(r[j] - before[j]) <= own.farthest[j]):
-            fits = 0
-    if own.paced and fits != 0:
-        fits = spend(own, spent, own.period * float(periods), before, r)
-    return fits
-
-
-def spend(own: FollowLimits, spent: Joints, time: float, before: Joints, r: Joints) -> int:
-    """Whether a row is within the speed limits, but for a jump; what is spent of that then."""
-    left = zeros(own.joints)
-    fits = 1
-    for j in range(own.joints):
-        left[j] = max(spent[j] + abs(r[j] - before[j]) - own.peak[j] * time, 0.0)
-        if not (left[j] <= own.farthest[j] and abs(r[own.joints + j]) <= own.peak[j]):
-            fits = 0
-    for j in range(own.joints):
-        spent[j] = left[j] if fits != 0 else spent[j]
-    return fits
 
 
 # What drives take --------------------------------------------------------------------------------------
@@ -401,7 +124,7 @@ def is_quick(own: FollowLimits, options: Options, goal: Goal) -> int:
                 motion[2][j] = first.acceleration[j] if first.order > 2 else 0.0
                 if first.order == 1 and first.time > 0.0:  # it has that velocity already
                     motion[1][j] = behind(goal, 0, j)
-        rest_at(own, one, motion[0])
+        stand_at(own, one, motion[0])
         for j in range(own.joints):
             for i in range(own.samples):
                 age = own.period * float(i)
@@ -536,10 +259,10 @@ def push(own: FollowLimits, state: State, speed: float) -> None:
 def tell(state: State, number: Long, code: int, reason: int) -> None:
     """Say how a goal ended."""
     if number > 0:
-        state.ends[state.told].number = number
-        state.ends[state.told].code = code
-        state.ends[state.told].reason = reason
-        state.told += 1
+        state.ends[state.ended].number = number
+        state.ends[state.ended].code = code
+        state.ends[state.ended].reason = reason
+        state.ended += 1
 
 
 def drop(state: State, code: int, reason: int) -> None:
@@ -551,7 +274,7 @@ def drop(state: State, code: int, reason: int) -> None:
 
 def end_all(state: State, code: int, reason: int) -> None:
     """End every goal; the motion goes on as it is."""
-    state.told = 0
+    state.ended = 0
     if state.active != 0:
         state.active = 0
         tell(state, state.goal.number, code, reason)
@@ -709,7 +432,7 @@ def start(own: FollowLimits, state: State, options: Options, goal: Goal) -> int:
     """Follow a checked goal, now or, where it begins later, until then the one before it, but for the delay."""
     ahead = (goal.begins - own.delay) / own.period - 0.5
     result = int(FollowCode.ACTIVE)
-    state.told = 0
+    state.ended = 0
     if ahead > 0.0:
         drop(state, FollowCode.INVALID_GOAL, FollowReason.REPLACED)
         state.next = goal
@@ -725,7 +448,7 @@ def start(own: FollowLimits, state: State, options: Options, goal: Goal) -> int:
 def cancel_goal(own: FollowLimits, state: State, options: Options, number: Long) -> None:
     """Cancel the goal of a number, or with 0 every one: come to rest, unless it waits. A stop goes on as it is."""
     is_followed = 1 if state.active != 0 and state.goal.number == number else 0
-    state.told = 0
+    state.ended = 0
     if number > 0 and state.has_next != 0 and state.next.number == number:
         drop(state, FollowCode.SUCCESSFUL, FollowReason.CANCELLED)
     elif number == 0 or is_followed != 0:
@@ -738,7 +461,7 @@ def cancel_goal(own: FollowLimits, state: State, options: Options, number: Long)
             stop(own, state, options)
 
 
-def rest_at(own: FollowLimits, state: State, q: Joints) -> int:
+def stand_at(own: FollowLimits, state: State, q: Joints) -> int:
     """Rest at link positions, without a goal; 0 where one is no number."""
     finite = 1
     for j in range(own.joints):
@@ -765,7 +488,7 @@ def sample(
 ) -> None:
     """The motion of the next sample, and where the links are to be now."""
     rate, power = share(input.path_rate), 1.0
-    state.told = 0
+    state.ended = 0
     state.refused = FollowCode.ACTIVE
     if state.has_next != 0:
         state.wait -= 1

@@ -28,7 +28,7 @@ from flexhinf.robot import follow_machine
 from flexhinf.robot.feedforward import Feedforward
 from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.follow_limits import ROUNDING, FollowLimits, ranges_of, speeds_of
-from flexhinf.robot.follow_machine import (
+from flexhinf.robot.follow_records import (
     FollowCode as FollowCode,
     FollowReason as FollowReason,
     Goal,
@@ -116,8 +116,8 @@ class FollowerStatus:
     @property
     def ends(self) -> list[FollowEnd]:
         """Goals with numbers that ended in the last call."""
-        told = self._state.ends[: self._state.told]
-        return [FollowEnd(one.number, FollowCode(one.code), FollowReason(one.reason)) for one in told]
+        ends = self._state.ends[: self._state.ended]
+        return [FollowEnd(one.number, FollowCode(one.code), FollowReason(one.reason)) for one in ends]
 
 
 @dataclass(eq=False, repr=False)
@@ -237,14 +237,14 @@ class Follower(StatedRepr, FollowerStatus):
         until it rests: half of the braking time at the joint's speed limit, or where it has none at 2.5 rad/s or
         0.5 m/s. So the controller brakes first; what goes astray beyond that ends the goal.
         """
-        made, watched = cls(robot, controller.period, smoothing, latency), controller.supervision
+        follower, watched = cls(robot, controller.period, smoothing, latency), controller.supervision
         if watched is None or watched.following is None:
-            return made
+            return follower
         sizes = np.asarray(watched.following, dtype=float)
-        sizes = sizes + BRAKED * watched.braking_time * made.jumps / made.smoothing
+        sizes = sizes + BRAKED * watched.braking_time * follower.jumps / follower.smoothing
         pairs = zip(robot.joint_names, np.broadcast_to(sizes, len(robot.joint_names)).tolist())
         paths = {name: (float(f"{size:.3g}"), 0.0) for name, size in pairs if np.isfinite(size)}
-        return replace(made, path_tolerance=paths)
+        return replace(follower, path_tolerance=paths)
 
     # Bounds --------------------------------------------------------------------------------------------
     @property
@@ -283,7 +283,7 @@ class Follower(StatedRepr, FollowerStatus):
         )
         self._state, self._input, self._output = State(self.own), Input(self.own), Output(self.own)
         self._options = self._stated()
-        follow_machine.rest_at(self.own, self._state, q.tolist())
+        follow_machine.stand_at(self.own, self._state, q.tolist())
 
     def check(self, goal: FollowGoal) -> FollowCode:
         """What `start` answers wherever the arm is: SUCCESSFUL, or why the goal is refused."""
@@ -298,7 +298,7 @@ class Follower(StatedRepr, FollowerStatus):
         One that begins later leaves the old goal until then, but for 3 T: so the links are in time. A goal that is
         replaced ends when the new one is followed. `number`: By which `ends` tells of it; 0: not at all.
         """
-        self._options, self._state.told = self._stated(), 0
+        self._options, self._state.ended = self._stated(), 0
         ordered = self._ordered(goal)
         code = self.check(goal)
         if ordered is None or code is not FollowCode.SUCCESSFUL:
@@ -321,29 +321,29 @@ class Follower(StatedRepr, FollowerStatus):
 
     def _stated(self) -> Options:
         """The options, as they are now."""
-        made, usual = Options(self.own), self.usual.tolist()
-        for one, (position, velocity) in zip((made.path, made.goal), usual):
+        options, usual = Options(self.own), self.usual.tolist()
+        for one, (position, velocity) in zip((options.path, options.goal), usual):
             one.position, one.velocity = position, velocity
-        made.goal_time, made.timeout, made.stop_time = self.goal_time, self.timeout, self.stop_time
-        made.partial, made.limited = int(self.partial), int(self.limited)
-        return made
+        options.goal_time, options.timeout, options.stop_time = self.goal_time, self.timeout, self.stop_time
+        options.partial, options.limited = int(self.partial), int(self.limited)
+        return options
 
     def _ordered(self, goal: FollowGoal) -> Goal | None:
         """The goal in the robot's order; none where it has other joints."""
         rows = goal.ordered(self.robot.joint_names)
         if rows is None:
             return None
-        made = Goal(self.own)
+        found = Goal(self.own)
         for time, order, *numbers in zip(rows.times.tolist(), rows.orders.tolist(), *rows.points.tolist()):
             point = Point(self.own)
             point.time, point.order = time, order
             point.position, point.velocity, point.acceleration = numbers
-            made.points.append(point)
-        for one, (position, velocity) in zip((made.path, made.goal), rows.tolerances.tolist()):
+            found.points.append(point)
+        for one, (position, velocity) in zip((found.path, found.goal), rows.tolerances.tolist()):
             one.position, one.velocity = position, velocity
-        made.count, made.moves, made.begins = len(made.points), rows.moves.tolist(), float(goal.begins)
-        made.goal_time = float(goal.goal_time)
-        return made
+        found.count, found.moves, found.begins = len(found.points), rows.moves.tolist(), float(goal.begins)
+        found.goal_time = float(goal.goal_time)
+        return found
 
     # Samples -------------------------------------------------------------------------------------------
     def step(
@@ -380,7 +380,7 @@ class Follower(StatedRepr, FollowerStatus):
         path_rate: float = 1.0,
     ) -> FollowMotion:
         """As `step`, but the motion alone: the rows of many samples cost less together, by `Robot.inverse_dynamics`."""
-        own, state, given, found = self.own, self._state, self._input, self._output
+        own, state, sample, found = self.own, self._state, self._input, self._output
         for name, value in (("position", position), ("velocity", velocity)):
             refuse_if(
                 value is not None and np.shape(value) != (own.joints,),
@@ -388,11 +388,11 @@ class Follower(StatedRepr, FollowerStatus):
                 f"expected the shape {(own.joints,)}, got {np.shape(value) if value is not None else None}",
                 "one number for each joint",
             )
-        given.speed, given.path_rate, motion = float(speed), float(path_rate), zeros(5, own.joints)
-        follow_machine.sample(own, state, self._options, given, motion, found)
-        given.position = found.position if position is None else np.asarray(position, dtype=float).tolist()
-        given.velocity = found.velocity if velocity is None else np.asarray(velocity, dtype=float).tolist()
-        code = follow_machine.judge(own, state, self._options, given, found)
+        sample.speed, sample.path_rate, motion = float(speed), float(path_rate), zeros(5, own.joints)
+        follow_machine.sample(own, state, self._options, sample, motion, found)
+        sample.position = found.position if position is None else np.asarray(position, dtype=float).tolist()
+        sample.velocity = found.velocity if velocity is None else np.asarray(velocity, dtype=float).tolist()
+        code = follow_machine.judge(own, state, self._options, sample, found)
         return FollowMotion(
             np.array(motion), np.array(found.position), np.array(found.velocity), FollowCode(code)
         )

@@ -70,6 +70,10 @@ def chosen(own: Fixed, x: float, k: int) -> int:
         found = -5
     if own.doubles:
         found += 1
+    if own.doubles or k > 3:
+        found += 1 if own.never and k > 0 else 3
+    if not own.never and (own.never or k > 1):
+        found += 7
     return found
 
 

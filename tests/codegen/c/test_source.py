@@ -29,7 +29,7 @@ RECORDS = ("Inner", "Memory")
 
 
 def text_of(real: str) -> str:
-    source = Source(source_sample, "sample", Real(real, real), FIXED, {"WIDTH": "3", "width": "WIDTH"})
+    source = Source([source_sample], "sample", Real(real, real), FIXED, {"WIDTH": "3", "width": "WIDTH"})
     functions = source.functions("run", "chosen")
     records = "\n".join(source.record(name) for name in RECORDS)
     head = "#include <math.h>\n#include <stddef.h>\nenum { WIDTH = 3, SAMPLE_NO = 0, SAMPLE_YES = 7 };\n"
@@ -130,6 +130,8 @@ def module_of(text: str, folder: Path) -> Iterator[ModuleType]:
     [
         "with x: pass", "x = [1.0, 2.0]", "x = {1: 2}", "for i in [1]: x = 1.0", "x = x ** 2", "x = sum(x)", "del x",
         "x: float = 1.0", "x = lambda: 1.0", "return", "x = 'text'", "x = math.sin(x)", "x = own.table", "double = 1.0",
+        "for i in range(0, 4, 2): x = 1.0", "x, y = 1.0, x", "x = 3 / 2", "x = x // 2.0", "x = x % 2.0",
+        "x = max(x, y=x)",
     ],
 )  # fmt: skip
 def test_what_c_has_no_form_of_is_refused_with_its_line(line: str, tmp_path: Path) -> None:
@@ -137,4 +139,4 @@ def test_what_c_has_no_form_of_is_refused_with_its_line(line: str, tmp_path: Pat
     for module in module_of(text, tmp_path):
         with refused_with(Unsupported, "line 3"):
             own = type("Own", (), {"table": np.zeros((2, 2))})()
-            Source(module, "sample", Real("double"), own, {}).functions("one")
+            Source([module], "sample", Real("double"), own, {}).functions("one")

@@ -57,7 +57,7 @@ class Kind(NamedTuple):
 
 
 #: Of what a value is made: its type in Python, its sizes, and whether the caller says how many there are.
-Made: TypeAlias = "tuple[type, tuple[str | int, ...], bool]"
+Content: TypeAlias = "tuple[type, tuple[str | int, ...], bool]"
 
 
 class Value(NamedTuple):
@@ -79,12 +79,12 @@ class Record:
 
 
 @cache
-def fields(record: type[Record]) -> dict[str, Made]:
+def fields(record: type[Record]) -> dict[str, Content]:
     """Fields by name: what each is made of, its sizes, and whether the caller says how many there are."""
-    return {name: _made_of(hint) for name, hint in get_type_hints(record, include_extras=True).items()}
+    return {name: _content_of(hint) for name, hint in get_type_hints(record, include_extras=True).items()}
 
 
-def _made_of(hint: Any) -> Made:
+def _content_of(hint: Any) -> Content:
     base, *said = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     element = base
     while get_origin(element) is list:
@@ -126,53 +126,66 @@ def structure(record: type[Record], sizes: tuple[tuple[str, int], ...], real: ty
     def place(element: type, shape: tuple[str | int, ...], many: bool) -> Any:
         if many:
             return ctypes.c_void_p
-        made: Any = (
+        content: Any = (
             structure(element, sizes, real) if issubclass(element, Record) else whole.get(element, number)
         )
         for size in reversed(shape):
-            made = made * (size if isinstance(size, int) else known[size])
-        return made
+            content = content * (size if isinstance(size, int) else known[size])
+        return content
 
-    places = [(name, place(*made)) for name, made in fields(record).items()]
+    places = [(name, place(*content)) for name, content in fields(record).items()]
     return type(record.__name__, (ctypes.Structure,), {"_fields_": places})
 
 
 # The translation ----------------------------------------------------------------------------------------
 class Source:
-    """A module as C.
+    """Modules as C, which import one another's names.
 
     `prefix`: What names of functions, types and constants begin with, in capitals those of enumerations. `own`: What is
-    fixed. `sizes`: How C calls sizes that are names, and whole numbers of `own`. `given`: Functions that C has
+    fixed. `sizes`: How C calls sizes that are names, and whole numbers of `own`. `external`: Functions that C has
     otherwise. Raises Unsupported: for what C has not, with the line.
     """
 
     def __init__(
         self,
-        module: ModuleType,
+        modules: Sequence[ModuleType],
         prefix: str,
         real: Real,
         own: Any,
         sizes: Mapping[str, str],
-        given: Sequence[str] = (),
+        external: Sequence[str] = (),
     ) -> None:
-        self.module, self.prefix, self.real, self.own = module, prefix, real, own
-        self.sizes, self.given = sizes, given
-        self.lines = inspect.getsource(module).splitlines()
-        tree = ast.parse("\n".join(self.lines))
-        self.defined = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-        self.classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+        self.prefix, self.real, self.own = prefix, real, own
+        self.sizes, self.external = sizes, external
+        self.lines = {module.__name__: inspect.getsource(module).splitlines() for module in modules}
+        self.defined, self.classes = dict[str, ast.FunctionDef](), dict[str, ast.ClassDef]()
+        self.modules = dict[str, ModuleType]()  # by functions and classes that are theirs
+        for module in modules:
+            for node in ast.parse(inspect.getsource(module)).body:
+                if isinstance(node, ast.FunctionDef):
+                    self.defined[node.name], self.modules[node.name] = node, module
+                elif isinstance(node, ast.ClassDef):
+                    self.classes[node.name], self.modules[node.name] = node, module
         self.constants, self.written = dict[str, str](), dict[str, Function | str]()
 
     def record(self, name: str) -> str:
         """The struct of a record, with the comments of its fields."""
-        made, lines = fields(getattr(self.module, name)), list[str]()
+        contents, lines = fields(self.named(name)), list[str]()
         for node in self.classes[name].body:
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                kind = self.kind(made[_allowed(node.target.id, node)])
+                kind = self.kind(contents[_allowed(node.target.id, node)])
                 pointer = f"const {self.type_of(kind)} *" if kind.many else f"{self.type_of(kind)} "
-                lines.append(f"    {pointer}{node.target.id}{_sizes(kind)};{self.remark(node.lineno)}")
-        about = headed(getattr(self.module, name).__doc__ or "")
+                lines.append(f"    {pointer}{node.target.id}{_sizes(kind)};{self.remark(name, node.lineno)}")
+        about = headed(self.named(name).__doc__ or "")
         return "\n".join([*about, "typedef struct {", *lines, f"}} {self.type_of(Kind(name))};"])
+
+    def named(self, name: str) -> Any:
+        """The function or class of a name, in Python."""
+        return getattr(self.modules[name], name)
+
+    def line(self, name: str, number: int) -> str:
+        """A line of the module in which a function or class stands."""
+        return self.lines[self.modules[name].__name__][number - 1]
 
     def functions(self, *public: str) -> str:
         """Functions that others may call, behind what they need."""
@@ -185,12 +198,12 @@ class Source:
 
     def function(self, name: str) -> Function:
         """A function, written at its first use."""
-        made = self.written.get(name)
-        if not isinstance(made, Function):
-            made = Function(self, self.defined[name])
-            if name not in self.given:
-                self.written[name] = made
-        return made
+        function = self.written.get(name)
+        if not isinstance(function, Function):
+            function = Function(self, self.defined[name])
+            if name not in self.external:
+                self.written[name] = function
+        return function
 
     def choice(self, name: str) -> str:
         """The name of the function for the smaller or the larger of two numbers: the first one, where neither is."""
@@ -215,9 +228,9 @@ class Source:
         self.constants[name] = f"static const {self.real.written} {place}[{len(row)}] = {{{numbers}}};"
         return Value(place, Kind("real", (str(len(row)),)))
 
-    def kind(self, made: Made) -> Kind:
-        """The type of what is made so."""
-        element, shape, many = made
+    def kind(self, content: Content) -> Kind:
+        """The type of a content."""
+        element, shape, many = content
         names = {float: "real", int: "int", np.int64: "long", np.ndarray: "real", type(None): ""}
         sizes = tuple(self.sizes.get(str(size), str(size)) for size in shape)
         return Kind(names.get(element, element.__name__), sizes, many)
@@ -227,9 +240,9 @@ class Source:
         known = {"real": self.real.written, "int": "int", "long": "long", "truth": "int", "": "void"}
         return known.get(kind.name) or f"{self.prefix}_{kind.name.lower()}"
 
-    def remark(self, line: int) -> str:
-        """The comment behind a line."""
-        _, sign, text = self.lines[line - 1].partition("  # ")
+    def remark(self, name: str, number: int) -> str:
+        """The comment behind a line of the module in which a function or class stands."""
+        _, sign, text = self.line(name, number).partition("  # ")
         return f" /* {comment(text)} */" if sign else ""
 
 
@@ -247,9 +260,9 @@ class Function:
     """A function as C. `kind`: Of what it returns. `arguments`: By name. `changed`: Those that it changes."""
 
     def __init__(self, source: Source, node: ast.FunctionDef) -> None:
-        self.source, self.node = source, node
-        hints = get_type_hints(getattr(source.module, node.name), include_extras=True)
-        kinds = {name: source.kind(_made_of(hint)) for name, hint in hints.items() if name != "own"}
+        self.source, self.node, self.module = source, node, source.modules[node.name]
+        hints = get_type_hints(source.named(node.name), include_extras=True)
+        kinds = {name: source.kind(_content_of(hint)) for name, hint in hints.items() if name != "own"}
         self.kind, self.arguments, self.changed = kinds.pop("return"), kinds, set[str]()
         self.names = {name: Value(name, kind, self._is_record(kind)) for name, kind in kinds.items()}
         self.roots = dict[str, str]()  # of what a name is a part
@@ -258,13 +271,13 @@ class Function:
         ]
         self.once = {name for name in stored if stored.count(name) == 1}
         body = node.body[1:] if ast.get_docstring(node) else node.body
-        if node.name in source.given:
+        if node.name in source.external:
             self._note_changes(body)
         else:
             self.top, self.depth = list[str](), 0
             lines = self._block(body)
-            words = set(re.findall(r"\w+", "\n".join(lines)))
-            unused = [f"(void){name};" for name in self.arguments if name not in words]
+            used = set(re.findall(r"\w+", "\n".join(lines)))
+            unused = [f"(void){name};" for name in self.arguments if name not in used]
             self.lines = [*self.top, *unused, *lines]
 
     def text(self, is_static: bool) -> str:
@@ -276,10 +289,10 @@ class Function:
         return "\n".join([*about, head, *block("{", self.lines)])
 
     def _argument(self, name: str, kind: Kind) -> str:
-        made, stays = self.source.type_of(kind), "" if name in self.changed else "const "
+        element, stays = self.source.type_of(kind), "" if name in self.changed else "const "
         if kind.shape:
-            return f"{stays if len(kind.shape) == 1 else ''}{made} {name}{_sizes(kind)}"
-        return f"{stays}{made} *{name}" if self._is_record(kind) else f"{made} {name}"
+            return f"{stays if len(kind.shape) == 1 else ''}{element} {name}{_sizes(kind)}"
+        return f"{stays}{element} *{name}" if self._is_record(kind) else f"{element} {name}"
 
     @staticmethod
     def _is_record(kind: Kind) -> bool:
@@ -297,13 +310,19 @@ class Function:
         name = node.id if isinstance(node, ast.Name) else ""
         return self.roots.get(name, name)
 
+    def _line(self, number: int) -> str:
+        return self.source.line(self.node.name, number)
+
+    def _remark(self, number: int) -> str:
+        return self.source.remark(self.node.name, number)
+
     # Statements -------------------------------------------------------------------------------------
     def _block(self, body: list[ast.stmt]) -> list[str]:
         self.depth, lines = self.depth + 1, list[str]()
         for node in body:
             written = self._statement(node)
             if written and not isinstance(node, ast.If):
-                written[0] += self.source.remark(node.lineno)
+                written[0] += self._remark(node.lineno)
             lines += written
         self.depth -= 1
         return lines
@@ -311,6 +330,7 @@ class Function:
     def _statement(self, node: ast.stmt) -> list[str]:
         match node:
             case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
+                self._check_order(targets, values, node)
                 return [self._assignment(*pair) for pair in zip(targets, values, strict=True)]
             case ast.Assign(targets=[target], value=value):
                 return [self._assignment(target, value)]
@@ -322,11 +342,11 @@ class Function:
                 return block(f"while ({self._condition(test)}) {{", self._block(node.body))
             case ast.For(
                 target=ast.Name(id=i), iter=ast.Call(func=ast.Name(id="range"), args=ends), orelse=[]
-            ):
+            ) if [ast.unparse(step) for step in ends[2:]] in ([], ["-1"]):
                 self.names[i] = Value(i, Kind("int"))
-                first, *rest = [self._value(end).text for end in ends]
-                begin, end = (first, rest[0]) if rest else ("0", first)
-                sign, step = (">", "--") if len(rest) == 2 else ("<", "++")
+                first, *others = [self._value(end).text for end in ends]
+                begin, end = (first, others[0]) if others else ("0", first)
+                sign, step = (">", "--") if len(others) == 2 else ("<", "++")
                 return block(
                     f"for (int {i} = {begin}; {i} {sign} {end}; {step}{i}) {{", self._block(node.body)
                 )
@@ -340,28 +360,37 @@ class Function:
 
     def _choice(self, node: ast.If) -> Iterator[str]:
         """Conditions one behind another, but for those that `own` decides."""
-        arms, rest = list[ast.If](), list[ast.stmt]([node])
-        while len(rest) == 1 and isinstance(rest[0], ast.If) and (rest[0] is node or self._is_elif(rest[0])):
-            holds = self._fixed(rest[0].test)
-            arms += [rest[0]] if holds is None else []
-            rest = rest[0].body if holds else rest[0].orelse
-            if holds:
+        arms, after = list[ast.If](), list[ast.stmt]([node])
+        while (
+            len(after) == 1 and isinstance(after[0], ast.If) and (after[0] is node or self._is_elif(after[0]))
+        ):
+            truth = self._fixed(after[0].test)
+            arms += [after[0]] if truth is None else []
+            after = after[0].body if truth else after[0].orelse
+            if truth:
                 break
         for k, one in enumerate(arms):
-            yield f"{'} else ' if k else ''}if ({self._condition(one.test)}) {{{self.source.remark(one.lineno)}"
+            yield f"{'} else ' if k else ''}if ({self._condition(one.test)}) {{{self._remark(one.lineno)}"
             yield from (f"    {line}" for line in self._block(one.body))
         if not arms:
-            yield from self._block(rest)
-        elif rest or len(arms) > 1:
-            above = rest[0].lineno - 1 if rest else 0
-            says = rest and self.source.lines[above - 1].lstrip().startswith("else:")
-            yield "} else {" + (self.source.remark(above) if says else "")
-            yield from (f"    {line}" for line in (self._block(rest) if rest else ["/* as it is */"]))
+            yield from self._block(after)
+        elif after or len(arms) > 1:
+            above = after[0].lineno - 1 if after else 0
+            says = after and self._line(above).lstrip().startswith("else:")
+            yield "} else {" + (self._remark(above) if says else "")
+            yield from (f"    {line}" for line in (self._block(after) if after else ["/* as it is */"]))
         if arms:
             yield "}"
 
+    def _check_order(self, targets: list[ast.expr], values: list[ast.expr], node: ast.stmt) -> None:
+        """Refuse assignments of which a later one reads what an earlier one has written: Python makes them at once."""
+        for k, value in enumerate(values):
+            read = {one.id for one in ast.walk(value) if isinstance(one, ast.Name)}
+            if read & {self._root(target) for target in targets[:k]}:
+                refuse(node, f"values that depend on each other's places in {ast.unparse(node)!r}")
+
     def _is_elif(self, node: ast.If) -> bool:
-        return self.source.lines[node.lineno - 1].lstrip().startswith("elif ")
+        return self._line(node.lineno).lstrip().startswith("elif ")
 
     def _assignment(self, target: ast.expr, value: ast.expr) -> str:
         """A name is declared where it is assigned first, or at the top where that is within a block."""
@@ -378,12 +407,12 @@ class Function:
         """The declaration of a name, and what it is at first."""
         _allowed(name, value)
         match value:
-            case ast.Call(func=ast.Name(id="zeros" | "room" | "counters" as made), args=sizes) if (
+            case ast.Call(func=ast.Name(id="zeros" | "room" | "counters" as array), args=sizes) if (
                 self.depth == 1
             ):
                 shape = tuple(self._value(size).text for size in sizes)
                 found = Value(
-                    "" if made == "room" else "{0}", Kind("int" if made == "counters" else "real", shape)
+                    "" if array == "room" else "{0}", Kind("int" if array == "counters" else "real", shape)
                 )
             case ast.Call(func=ast.Name(id=record), args=[ast.Name(id="own")]) if self.depth == 1:
                 found = Value("{0}", Kind(record))
@@ -413,8 +442,14 @@ class Function:
             case ast.Attribute(value=ast.Name(id="own"), attr=name):
                 value = getattr(self.source.own, name)
                 return value if isinstance(value, bool) else None
-            case ast.BoolOp(op=ast.And(), values=values) if any(self._fixed(one) is False for one in values):
-                return False
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                truth = self._fixed(operand)
+                return None if truth is None else not truth
+            case ast.BoolOp(op=operator, values=values):
+                truths, decides = [self._fixed(one) for one in values], isinstance(operator, ast.Or)
+                if decides in truths:
+                    return decides
+                return None if None in truths else not decides
             case _:
                 return None
 
@@ -431,15 +466,15 @@ class Function:
             case ast.Constant(value=float() as number):
                 return Value(constant(number, self.source.real), Kind("real"))
             case ast.Name(id=name):
-                return self.names.get(name) or self._value(ast.Constant(getattr(self.source.module, name)))
+                return self.names.get(name) or self._value(ast.Constant(getattr(self.module, name)))
             case ast.Attribute(value=ast.Name(id="own"), attr=name):
                 return self.source.fixed(name, node)
             case ast.Attribute(value=ast.Name(id=name), attr=member) if name not in self.names:
-                getattr(getattr(self.source.module, name), member)
+                getattr(getattr(self.module, name), member)
                 return Value(f"{self.source.prefix.upper()}_{member}", Kind("int"))
             case ast.Attribute(value=whole, attr=member):
                 found = self._value(whole)
-                kind = self.source.kind(fields(getattr(self.source.module, found.kind.name))[member])
+                kind = self.source.kind(fields(self.source.named(found.kind.name))[member])
                 return Value(f"{found.text}{'->' if found.reached else '.'}{member}", kind)
             case ast.Subscript(value=whole, slice=place):
                 found = self._value(whole)
@@ -455,12 +490,14 @@ class Function:
                 text = f"!({found.text})" if is_truth else f"{_bracketed(found)} == {none}"
                 return Value(text, Kind("truth"), bare=is_truth)
             case ast.BinOp(left=left, op=operator, right=right):
-                return self._computed(self._value(left), _sign(operator, node), self._value(right))
+                return self._computed(self._value(left), operator, self._value(right), node)
             case ast.Compare(left=left, ops=operators, comparators=others):
                 terms = [_bracketed(self._value(one)) for one in (left, *others)]
                 signs = [_sign(one, node) for one in operators]
                 pairs = [f"{a} {sign} {b}" for a, sign, b in zip(terms, signs, terms[1:])]
                 return Value(" && ".join(pairs) if len(pairs) > 1 else pairs[0], Kind("truth"), bare=False)
+            case ast.BoolOp() if (truth := self._fixed(node)) is not None:
+                return Value(str(int(truth)), Kind("truth"))
             case ast.BoolOp(op=operator, values=values):
                 left = [self._condition(one) for one in values if self._fixed(one) is None]
                 text = f" {_sign(operator, node)} ".join(f"({one})" for one in left)
@@ -470,15 +507,19 @@ class Function:
                 return Value(
                     f"({self._condition(test)}) ? {_bracketed(found)} : {no}", found.kind, bare=False
                 )
-            case ast.Call(func=function, args=arguments):
+            case ast.Call(func=function, args=arguments, keywords=[]):
                 return self._call(ast.unparse(function), arguments, node)
             case _:
                 refuse(node, f"the expression {ast.unparse(node)!r}")
 
-    def _computed(self, left: Value, operator: str, right: Value) -> Value:
+    def _computed(self, left: Value, operator: ast.operator, right: Value, node: ast.expr) -> Value:
         kinds = {left.kind.name, right.kind.name}
         kind = next(name for name in ("real", "long", "int") if name in kinds)
-        return Value(f"{_bracketed(left)} {operator} {_bracketed(right)}", Kind(kind), bare=False)
+        # Python and C divide whole numbers by one sign, and others by another one.
+        if isinstance(operator, ast.Div) != (kind == "real") and _sign(operator, node) in ("/", "%"):
+            refuse(node, f"a quotient in which Python and C differ, {ast.unparse(node)!r}")
+        text = f"{_bracketed(left)} {_sign(operator, node)} {_bracketed(right)}"
+        return Value(text, Kind(kind), bare=False)
 
     def _call(self, name: str, arguments: list[ast.expr], node: ast.expr) -> Value:
         if name in self.source.defined:

@@ -77,7 +77,7 @@ int @{name}_follow_init(@{name}_follow_state *state, const @{name}_real *q)
     static const @{name}_follow_state none = {0};
     int code = (@{name}_follow_exact() != 0) ? @{NAME}_OK : @{NAME}_BAD_ARITHMETIC;
     *state = none;
-    if (@{name}_follow_rest_at(state, q) == 0) {
+    if (@{name}_follow_stand_at(state, q) == 0) {
         code = @{NAME}_BAD_COMMAND;
     }
     return code;

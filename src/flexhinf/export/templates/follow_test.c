@@ -402,7 +402,7 @@ static void contest(void)
     state.next = state.goal;
     state.has_next = 1;
     @{name}_follow_cancel(&state, &options);
-    expect(state.stops == 1 && state.has_next == 0 && state.told == 0);
+    expect(state.stops == 1 && state.has_next == 0 && state.ended == 0);
     for (int k = 0; k < 10; ++k) { /* each is over before the next one comes */
         @{name}_follow_cancel(&state, &options);
         lead((k % 2 == 0) ? @{number(1.2)} : 0, every, since);
@@ -413,7 +413,7 @@ static void contest(void)
 static void tell(int step)
 {
     static int told = 0;
-    for (int i = 0; i < state.told; ++i) {
+    for (int i = 0; i < state.ended; ++i) {
         const int *const row = ended[told];
         expect(told < @{ended | length});
         if (told < @{ended | length}) {
@@ -431,7 +431,7 @@ static void happen(const event_row *event, int step)
         @{name}_follow_goal goal = goal_of(event->goal);
         int code = @{name}_follow_check(&options, &goal);
         goal.number = event->number;
-        state.told = 0;
+        state.ended = 0;
         if (code == @{NAME}_FOLLOW_SUCCESSFUL) {
             code = @{name}_follow_start(&state, &options, &goal);
         }
@@ -447,7 +447,7 @@ static void happen(const event_row *event, int step)
         @{name}_follow_end_all(&state, event->number, @{NAME}_FOLLOW_DROPPED);
         expect(state.active == 0 && state.has_next == 0);
     } else {
-        state.told = 0; /* rates and errors alone */
+        state.ended = 0; /* rates and errors alone */
     }
     tell(step);
 }

@@ -35,10 +35,10 @@ static @{name}_follow_state path; /* of the command */
 /* Tell of the goals that the last call for the path ended. */
 static void tell(int status)
 {
-    for (int i = 0; i < path.told; ++i) {
+    for (int i = 0; i < path.ended; ++i) {
         goal_ended(&path.ends[i], status);
     }
-    path.told = 0;
+    path.ended = 0;
 }
 
 /* End all goals, as drives are off or stop. */

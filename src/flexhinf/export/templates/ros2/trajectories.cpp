@@ -286,6 +286,7 @@ void Trajectories::begin(const std::shared_ptr<Handle> & handle)
 {
   std::shared_ptr<Goal> goal;
   std::string why;
+  monitor();  // a stop of before ends no goal of now
   const auto wanted = handle->get_goal();
   const int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
@@ -400,12 +401,12 @@ void Trajectories::finish(Handle & handle, int code, const std::string & text)
 // Ends of goals in the last call; and which goals are still read.
 void Trajectories::tell()
 {
-  for (int i = 0; i < state_.told; ++i) {
+  for (int i = 0; i < state_.ended; ++i) {
     if (state_.ends[i].number % 2 == 1) {
       (void)ends_.push(state_.ends[i]);
     }
   }
-  state_.told = 0;
+  state_.ended = 0;
 }
 
 void Trajectories::leave(const @{name}_real * r)
