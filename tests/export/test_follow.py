@@ -24,7 +24,8 @@ import flexhinf as fh
 from flexhinf.export.compiled_follower import CompiledFollower, follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.follow import follower_of, largest_twists
-from flexhinf.export.follow_vector import POSES, ROWS, FollowerTrial, events, follow_test_values, refusals
+from flexhinf.export.follow_trial import POSES, ROWS, FollowerTrial, events, refusals
+from flexhinf.export.follow_vector import follow_test_values
 from flexhinf.export.rendering import render_c
 from flexhinf.robot import FollowCode, FollowGoal
 

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from tests.export.test_rest import robot_of
 from tests.export.test_ros2 import flat, workspace_controller
-from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.export.test_trajectory_server import Arm
+from tests.export.trajectory_session import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.refusals import refused_with, unnamed
 from tests.ros_action import action_type, trigger_type
 

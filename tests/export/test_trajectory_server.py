@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from tests.export.test_rest import elastic_controller, robot_of
 from tests.export.test_ros2 import PERIOD, workspace_controller
-from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, RUNS, START
 from tests.export.trajectory_cases import CASES, TrajectoryCase
+from tests.export.trajectory_runs import RUNS
+from tests.export.trajectory_session import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh

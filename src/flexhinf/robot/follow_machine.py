@@ -1,9 +1,9 @@
-"""The state machine of `Follower`: goals, the path through their waypoints, and what is said of them.
+"""The state machine of `Follower`: goals, the path through their waypoints, how they end.
 
-It is written once. Python runs it as it stands, and `flexhinf.codegen.c.source` writes the same text as C: it has
-numbers, arrays of fixed sizes, records, branches and loops, and no more. Of `own` is what a robot and a controller fix,
-constants in C. A goal has a number, 0 for one that nobody asks about; whoever starts or cancels one, or makes a sample,
-then reads which goals have ended (`State.ends`).
+It is written once, with `follow_pieces` and `follow_records`. Python runs it as it stands, and
+`flexhinf.codegen.c.source` writes the same text as C: it has numbers, arrays of fixed sizes, records, branches and
+loops, and no more. Of `own` is what a robot and a controller fix, constants in C. A goal has a number, 0 for one that
+nobody asks about; whoever starts or cancels one, or makes a sample, then reads which goals have ended (`State.ends`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Polynomials between waypoints, and how far and how fast they go, as Python and C compute it."""
+"""Polynomials between waypoints: their ways, their speeds, what smoothing takes of their jumps."""
 
 from __future__ import annotations
 

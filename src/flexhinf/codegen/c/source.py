@@ -1,4 +1,4 @@
-"""C from the text of Python functions: for what no trace can say, branches, loops and memory that changes.
+"""C from the text of Python functions: for what no trace can say, such as loops that change memory.
 
 A module is written once, runs in Python as it stands, and is translated line by line. It keeps to what both languages
 have: functions with stated types, `Record` classes, arrays whose sizes are stated, local names, `if`, `while`, `for`
