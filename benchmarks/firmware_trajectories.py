@@ -118,7 +118,7 @@ int main(int count, char **texts)
     points[0].time = (arm_real)0.5, points[1].time = 1;
     points[0].order = points[1].order = 3;
     for (int i = 0; i < ARM_FOLLOW_JOINTS; ++i) {
-        goal.moves[i] = 1;
+        goal.moves[i] = 1, goal.path.position[i] = -1;
         points[0].position[i] = q[i], points[1].position[i] = q[i];
     }
     points[0].position[0] += (arm_real)0.1, points[1].position[0] += (arm_real)0.2;

@@ -24,7 +24,8 @@ import flexhinf as fh
 from flexhinf.export.compiled_follower import CompiledFollower, follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.follow import follower_of, largest_twists
-from flexhinf.export.follow_vector import POSES, ROWS, FollowerTrial, events, follow_test_values, refusals
+from flexhinf.export.follow_trial import POSES, ROWS, FollowerTrial, events, refusals
+from flexhinf.export.follow_vector import follow_test_values
 from flexhinf.export.rendering import render_c
 from flexhinf.robot import FollowCode, FollowGoal
 
@@ -48,13 +49,12 @@ def compiled(
         folder = tmp_path_factory.mktemp("follow")
         for file, text in {**code.files, **follow_files(code)}.items():
             (folder / file).write_text(text)
-        for source in ("arm.c", "arm_follow.c", "follow_library.c"):
+        for source in ("arm.c", "arm_follow.c"):
             subprocess.run([compiler, *STRICT, "-fPIC", "-O1", "-c", source], cwd=folder, check=True)
         words = [
             "-std=c99",
             "-fPIC",
             "-shared",
-            "follow_library.o",
             "arm.o",
             "arm_follow.o",
             "-lm",
@@ -104,7 +104,7 @@ def session_of(follower: fh.Follower, other: CompiledFollower) -> tuple[np.ndarr
             elif event is not None:
                 one.cancel()
         speed = 0.3 if 200 <= k < 400 else np.nan if 1000 <= k < 1010 else 1.0
-        rate = 0.5 if 350 <= k < 420 else 0.0 if 700 <= k < 720 else 1.0
+        rate = 0.5 if 350 <= k < 420 else 0.13 if 700 <= k < 720 else 1.0
         at = at + (0.06 if k >= 2600 else 0.0)
         sample = follower.step(at, moves, speed, rate)
         found = other.step(at, moves, speed, rate)
@@ -274,7 +274,6 @@ def test_goals_too_quick_for_drives_are_refused(real: str, compiler: str, tmp_pa
         "-shared",
         "arm.c",
         "arm_follow.c",
-        "follow_library.c",
         "-lm",
         "-o",
         "arm.so",
@@ -321,7 +320,10 @@ def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:
     assert follower is not None
 
     def taken(before: np.ndarray, row: np.ndarray) -> bool:
-        return library.follow_row(*(ctypes.c_void_p(array.ctypes.data) for array in (before, row))) == 0
+        places = (ctypes.c_void_p(array.ctypes.data) for array in (before, row))
+        return (
+            library.arm_follow_row(ctypes.byref(ctypes.c_char.in_dll(library, "arm_defaults")), *places) == 0
+        )
 
     move = fh.Moving([fh.Quintic(0.0, 0.4, 0.8), fh.Quintic(0.0, -0.3, 0.8)], robot.inverse_dynamics)
     rows = [np.concatenate([move.state(t), move.input(t)]) for t in PERIOD * np.arange(0, 801, 20)]
@@ -395,15 +397,19 @@ def test_goals_stop_within_what_the_drives_take_and_beyond() -> None:
 #: Changes of one line that the program must notice.
 CHANGES = {
     "a spline": ("- (15.0 * way)", "- (14.9 * way)"),
-    "a time past": ("? -goal->begins", "? goal->begins"),
+    "a time past": ("arm_follow_max(-goal->begins, 0.0)", "arm_follow_max(goal->begins, 0.0)"),
     "a stop": ("(time * begin[2]) / 12.0", "(time * begin[2]) / 6.0"),
-    "the end of a range": ("end[0] > most", "end[0] < most"),
-    "the speed": ("target = state->speed + most;", "target = state->speed - most;"),
+    "the end of a range": ("(end[0] < low) ? low : high", "(end[0] < low) ? high : low"),
+    "the speed": ("state->speed + most)", "state->speed - most)"),
     "a joint left out": ("state->stopped_at = stop_time;", ";"),
     "a goal that waits": ("state->wait -= 1;", ";"),
-    "a tolerance": ("error[j] <= most", "error[j] > most"),
+    "a goal that is replaced": ("ARM_FOLLOW_INVALID_GOAL, ARM_FOLLOW_REPLACED);\n    }", "0, 0);\n    }"),
+    "a brake": ("reason = ARM_FOLLOW_BRAKED;", ";"),
+    "a quarrel": ("(turn * state->turn[j]) < 0.0", "(turn * state->turn[j]) > 0.0"),
+    "a tolerance": ("fabs(found[j] - wanted[j]) <= most", "fabs(found[j] - wanted[j]) > most"),
     "a time-out": ("late > options->timeout", "late <= options->timeout"),
-    "what is refused": ("q <= arm_follow_high[j]", "q > arm_follow_high[j]"),
+    "what is refused": ("end[0] <= arm_follow_high[j]", "end[0] > arm_follow_high[j]"),
+    "what is between": ("speed[1] = begin[1] + ", "speed[1] = begin[1] - "),
     "a row": ("<= arm_follow_twists[j]", "> arm_follow_twists[j]"),
 }
 

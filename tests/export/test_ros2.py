@@ -31,7 +31,7 @@ pytestmark = [
 ]
 
 HERE = Path(__file__).parent / "ros2"
-PERIOD = 1e-3
+PERIOD, FOLLOWING = 1e-3, 0.1  # s; rad, from where on a joint does not follow
 ARM = fh.paper_arm()
 VERSIONS = {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}
 STRICT = ("-std=c++17", "-O0", "-fPIC", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{HERE / 'stubs'}")
@@ -48,8 +48,8 @@ def arm_controller(latency: int = 0, measured: str = "link_position", **options:
 
 @cache
 def workspace_controller() -> fh.Controller:
-    box = fh.Supervision(workspace=([-1.0, -1.0], [0.3, 1.0]), reactions={"workspace": "brake"})
-    return controller_of("planar-two-link", watch=box)
+    watch = fh.Supervision(([-1.0, -1.0], [0.3, 1.0]), reactions={"workspace": "brake"}, following=FOLLOWING)
+    return controller_of("planar-two-link", watch=watch)
 
 
 @dataclass

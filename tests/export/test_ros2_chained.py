@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.export.test_ros2 import PERIOD, Manager
-from tests.export.test_ros2_trajectories import GOAL, JOINTS, MOVE, START, Session, package_of
+from tests.export.trajectory_session import GOAL, JOINTS, MOVE, START, Session, package_of
 
 import flexhinf as fh
 

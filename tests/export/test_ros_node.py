@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from tests.export.test_rest import robot_of
 from tests.export.test_ros2 import flat, workspace_controller
-from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.export.test_trajectory_server import Arm
+from tests.export.trajectory_session import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.refusals import refused_with, unnamed
 from tests.ros_action import action_type, trigger_type
 
@@ -295,6 +295,71 @@ def test_a_goal_is_replaced_at_speed_and_by_the_topic(served: Served) -> None:
     assert outcome(second, done)[:2] == (ABORTED, -1)
     served.run(LONGEST)
     served.at(GOAL)
+
+
+def cancel_all(served: Served) -> int:
+    """How many goals a cancel of all meets."""
+    service = import_module("action_msgs.srv").CancelGoal
+    name = "arm/follow_joint_trajectory/_action/cancel_goal"
+    client = served.client.node.create_client(service, name)
+    assert client.wait_for_service(PATIENCE)
+    found = settled(client.call_async(service.Request()))
+    served.client.node.destroy_client(client)
+    return len(found.goals_canceling)
+
+
+def test_a_cancel_without_an_open_goal_stops_what_moves(served: Served) -> None:
+    """That of the topic; a goal that comes later is followed."""
+    served.client.topic.publish(served.client.trajectory(*MOVE))
+    assert until(served, lambda: bool(np.abs(served.server.motion.desired_velocity).min() > 0.1))
+    assert cancel_all(served) == 0
+    served.run(900)
+    assert not served.server.motion.desired_velocity.any()
+    with pytest.raises(AssertionError):
+        served.at(GOAL)
+    handle = served.client.send(served.client.trajectory(*MOVE))
+    served.run(LONGEST)
+    assert outcome(handle)[:2] == (SUCCEEDED, 0)
+
+
+def test_a_goal_that_cannot_start_does_not_end_the_one_under_way(served: Served) -> None:
+    """The first goes on, and a cancel of all meets it alone."""
+    first = served.client.send(served.client.trajectory(*MOVE))
+    served.run(400)
+    second = served.client.send(served.client.trajectory([0.005, 1.0], [np.add(GOAL, 0.5), GOAL]))
+    assert second.accepted
+    served.run(2)
+    assert outcome(second)[:2] == (ABORTED, -1)
+    assert np.abs(served.server.motion.desired_velocity).min() > 0.1
+    assert cancel_all(served) == 1
+    served.run(2)
+    assert outcome(first)[:2] == (CANCELED, 0)
+    served.run(900)
+    assert not served.server.motion.desired_velocity.any()
+
+
+def test_two_publishers_that_fight_are_named(served: Served, capfd: pytest.CaptureFixture[str]) -> None:
+    """In the log and in the health; one alone is not."""
+    other = rclpy.create_node("servo", context=served.client.context)
+    kind = message("trajectory_msgs", "JointTrajectory")
+    servo = other.create_publisher(kind, "arm/joint_trajectory", 10)
+    places = [np.add(START, 0.2), np.add(START, -0.2)]
+    assert until(served, lambda: served.node.node.count_publishers("arm/joint_trajectory") == 2)
+    for k in range(60):
+        before = served.server._numbers
+        publisher = (served.client.topic, servo)[k % 2]
+        publisher.publish(served.client.trajectory([0.8], [places[k % 2]]))
+        assert until(served, lambda before=before: served.server._numbers > before)
+        served.run(40)
+        if served.server.contested:
+            break
+    served.run(20)
+    code = code_of(workspace_controller(), "arm", "double", robot_of("planar-two-link"))
+    health = [row["name"] for row in ros2_values(code, np.zeros(1))["health"]]
+    report = latest(served.client.reports["state"], served)
+    assert dict(zip(health, report.interface_values[0].values))["contested"] == 1.0
+    assert unnamed(capfd.readouterr().err, "two sources", "/planner", "/servo") == []
+    other.destroy_node()
 
 
 def until(served: Served, condition: Callable[[], bool]) -> bool:

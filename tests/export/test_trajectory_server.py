@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from tests.export.test_rest import elastic_controller, robot_of
 from tests.export.test_ros2 import PERIOD, workspace_controller
-from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, RUNS, START
 from tests.export.trajectory_cases import CASES, TrajectoryCase
+from tests.export.trajectory_runs import RUNS
+from tests.export.trajectory_session import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -38,6 +39,7 @@ class Arm:
         self.plant = MuJoCoPlant(self.robot, ("link_position", "motor_position"))
         self.plant.reset(self.robot.operating_point(pose)[0])
         self.unplugged: list[int] = []
+        self.is_held = False
         self.inputs: list[np.ndarray] = []
 
     def read(self) -> np.ndarray:
@@ -47,7 +49,8 @@ class Arm:
 
     def write(self, input: np.ndarray) -> None:
         self.inputs.append(np.array(input))
-        self.plant.step(input, [], PERIOD)
+        if not self.is_held:
+            self.plant.step(input, [], PERIOD)
 
 
 class ServedArm:
@@ -80,13 +83,31 @@ class ServedArm:
         self.number = self.server.submit(self.prepared)
         return True
 
-    def manager(self, name: str) -> int:
+    def manager(self, name: str, *arguments: Any) -> int:
         if name == "cancel_goal":
             self.server.cancel(self.number)
             self.cancelled.add(self.number)
-            return 1
-        assert name == "goal_handle"
-        return self.number
+        elif name == "cancel_nothing":
+            self.server.cancel()
+        elif name == "publish_trajectory":
+            self.server.submit(self.prepared)
+        elif name == "look_at":
+            self.number = arguments[0].value
+        else:
+            assert name == "goal_handle"
+            return self.number
+        return 1
+
+    def is_contested(self) -> bool:
+        return self.server.contested
+
+    @property
+    def is_held(self) -> bool:
+        return self.arm.is_held
+
+    @is_held.setter
+    def is_held(self, value: bool) -> None:
+        self.arm.is_held = value
 
     def run(self, samples: int, speed: float = 1.0) -> ServedArm:
         self.server.speed = speed

@@ -11,9 +11,10 @@ from scipy.interpolate import BPoly
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.codegen.c.source import zeros
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import FollowCode, FollowGoal
-from flexhinf.robot.follow_path import between
+from flexhinf.robot.follow_pieces import between
 
 PERIOD = 2e-3
 NAMES = ("shoulder", "elbow")
@@ -28,12 +29,12 @@ def follower(period: float = PERIOD, **options: Any) -> fh.Follower:
 def test_waypoints_are_joined_by_the_polynomial_of_what_they_state(order: int) -> None:
     """SciPy's polynomial in Bernstein form has the same value and derivatives at both ends."""
     rng = np.random.default_rng(order)
-    begin, end = rng.normal(size=(2, 3, 4))
+    begin, end = rng.normal(size=(2, 3))
     expected = BPoly.from_derivatives([0.0, 0.7], [begin[:order], end[:order]])
     for at in (0.0, 0.2, 0.69):
-        found = between(begin, end, 0.7, at, order)
-        for k in range(3):
-            np.testing.assert_allclose(found[k], expected(at, nu=k), rtol=1e-9, atol=1e-9)
+        found = zeros(3)
+        between(begin, end, 0.7, at, order, found)
+        np.testing.assert_allclose(found, [expected(at, nu=k) for k in range(3)], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.oracle

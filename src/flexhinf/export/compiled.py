@@ -121,10 +121,16 @@ def compile_controller(
     return target
 
 
-def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:
-    """Shared library of C files, built by this machine's C compiler; raises as `build`."""
+def shared_library(
+    sources: dict[str, str], flags: tuple[str, ...] = ("-O2",), visibility: str = "hidden"
+) -> bytes:
+    """Shared library of C files, built by this machine's C compiler; raises as `build`.
+
+    `visibility`: Of what no file says that others may call it: "hidden" or "default".
+    """
     with TemporaryDirectory() as work:
-        return build(sources, Path(work), (*flags, "-shared", "-fPIC", "-fvisibility=hidden")).read_bytes()
+        own = ("-shared", "-fPIC", f"-fvisibility={visibility}")
+        return build(sources, Path(work), (*flags, *own)).read_bytes()
 
 
 def cortex_m4_bytes(code: ControllerCode) -> int | None:

@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 
 import casadi
 import numpy as np
 from markupsafe import Markup
 
-from flexhinf.codegen.c import Translator, constant
+from flexhinf.codegen.c import Real, Translator, constant
+from flexhinf.codegen.c.source import Source
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.file_list import File
 from flexhinf.export.rendering import arithmetic, names_in
 from flexhinf.plant.joints import joint_places
+from flexhinf.robot import follow_machine, follow_pieces, follow_records
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
-from flexhinf.robot.follow_path import PARTS, SHARE
-from flexhinf.robot.follower import MOST_COUNTED, MOST_JUDGED, PASSED, RESTING, Follower
+from flexhinf.robot.follow_limits import ENDS, SHARE, ULPS
+from flexhinf.robot.follow_machine import PASSED
+from flexhinf.robot.follower import FollowCode, Follower, FollowReason
 from flexhinf.robot.robot import Robot
 
 #: T of the smoothing, s, as far as the period divides it.
 SMOOTHING = 0.02
+
+
+#: What a goal is told about the codes that the follower answers, and about reasons of its end.
+TEXTS = {
+    FollowCode.SUCCESSFUL: "the goal is reached",
+    FollowCode.INVALID_GOAL: "expected waypoints that increase in time, finite, at rest at the end, and between them "
+    "within the joints' ranges and speeds, without a jump, and not too quick for a drive",
+    FollowCode.INVALID_JOINTS: "the joints are not those of the controller, each once",
+    FollowCode.OLD_HEADER_TIMESTAMP: "the trajectory is over",
+    FollowCode.PATH_TOLERANCE_VIOLATED: "a joint is farther from the path than its tolerance",
+    FollowCode.GOAL_TOLERANCE_VIOLATED: "a joint did not reach the goal in time",
+}
+REASONS = {
+    FollowReason.REPLACED: "another goal or command has replaced it",
+    FollowReason.CANCELLED: "the goal is cancelled",
+    FollowReason.BRAKED: "the controller has braked its path, which stands until that begins again: see its status",
+    FollowReason.DROPPED: "the goal before it has ended early, and this one has not begun",
+}
 
 
 def follower_of(code: ControllerCode) -> Follower | None:
@@ -37,7 +59,7 @@ def follower_of(code: ControllerCode) -> Follower | None:
         return None
     count = min(max(1, round(SMOOTHING / c.period)), LONGEST // KNOTS)
     try:
-        return Follower(robot, c.period, count * c.period, c.mode.latency + 1)
+        return Follower.for_controller(robot, c, c.mode.latency + 1, count * c.period)
     except InvalidInput:  # a joint without a spring's inverse
         return None
 
@@ -55,56 +77,60 @@ def follow_values(code: ControllerCode) -> dict[str, object]:
     return {} if follower is None else _values(code, follower)
 
 
+#: What is written as C.
+MODULES = (follow_records, follow_pieces, follow_machine)
+
+#: Records of the header, in an order in which C can read them; functions of it that are written once; and what C has
+#: otherwise than Python.
+RECORDS = ("Point", "Tolerance", "Goal", "Options", "Input", "Output", "End", "State")
+FUNCTIONS = ("check", "start", "cancel_goal", "end_all", "stand_at", "sample", "judge", "streams")
+EXTERNAL = ("smooth", "commanded")
+
+
 def _values(code: ControllerCode, follower: Follower) -> dict[str, object]:
     """What the templates need."""
-    robot, weights = follower.robot, follower.feedforward.weights
+    robot, weights, real = follower.robot, follower.feedforward.weights, code.real
+    own = replace(follower.own, ulps=ULPS * real.epsilon)
     translator = _translator(code)
     called = translator.function(
         _inverse(robot, code), "q", "dq", "ddq", "dddq", "ddddq", "data", "x", "u", within=_parameters(code)
     )
-    delay = follower.feedforward.delay
-
-    def bounds(values: Iterable[float]) -> Markup:
-        return Markup(", ").join(
-            constant(float(x), code.real) if np.isfinite(x) else f"{'-' if x < 0.0 else ''}(scalar)HUGE_VAL"
-            for x in values
-        )
-
+    prefix, names = f"{code.name}_follow", ("JOINTS", "SAMPLES", "DELAYED", "ENDS")
+    outside = {name: f"{prefix.upper()}_{name}" for name in names} | {"COMMANDS": code.upper("COMMANDS")}
+    header = Source(MODULES, prefix, Real(real.name, f"{code.name}_real"), own, outside)
+    inside = {"JOINTS": "JOINTS", "SAMPLES": "SAMPLES", "joints": "JOINTS", "samples": "SAMPLES"}
+    machine = Source(MODULES, prefix, Real(real.name, "scalar"), own, inside, EXTERNAL)
+    functions = machine.functions(*FUNCTIONS)
+    twists = largest_twists(code, robot)
     return {
         "joints": robot.joint_names,
-        "count": len(robot.joint_names),
-        "size": weights.shape[1],
+        "count": own.joints,
+        "size": own.samples,
+        "ends": ENDS,
         "weights": weights,
-        "delay": f"{delay:g}",
-        "twice": f"{2.0 * delay:g}",
-        "delay_exact": delay,
+        "delay": f"{own.delay:g}",
+        "twice": f"{2.0 * own.delay:g}",
+        "smoothing": f"{own.smoothing:g}",
+        "smoothing_time": own.smoothing,
         "passed": PASSED,
-        "resting": RESTING,
-        "smoothing": follower.smoothing,
         "latency": follower.latency,
         "usual": follower.usual,
         "goal_time": follower.goal_time,
         "timeout": follower.timeout,
         "stop_time": follower.stop_time,
         "partial": int(follower.partial),
-        "bounds": bounds,
-        "ranges": follower.ranges,
-        "speeds": follower.speeds,
-        "jumps": follower.jumps,
-        "allowed": follower.limits,
-        "home": robot.home,
-        "rounding": 8.0 * float(np.finfo(code.real.kind).eps),
-        "most_judged": MOST_JUDGED,
-        "limited": follower.limits.limits,
-        "parts": PARTS,
+        "limited": own.limited,
         "share": f"{SHARE:g}",
-        "near": delay,
-        "twists": largest_twists(code, robot),
+        "jumps": follower.jumps,
+        "twists": twists,
+        "row_of_twists": Markup(", ".join(constant(float(x), real) for x in twists)),
         "motors": _motors(code),
-        "most_counted": MOST_COUNTED,
-        "arithmetic": Markup(arithmetic(f"{code.name}_follow", code.real, code.name)),
+        "arithmetic": Markup(arithmetic(prefix, real, code.name)),
         "called": called,
         "functions": Markup(translator),
+        "constants": Markup("\n".join(machine.constants.values())),
+        "machine": Markup(functions),
+        "records": [Markup(header.record(name)) for name in RECORDS],
     }
 
 

@@ -2,49 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypedDict, Unpack
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Matrix, Vector
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.follow import follow_values, follower_of
+from flexhinf.export.follow import follow_values
+from flexhinf.export.follow_trial import Event, FollowerTrial, events, refusals, session_of
 from flexhinf.export.rehearsal import FAR, LARGEST
 from flexhinf.robot.follow_goal import FollowGoal
-from flexhinf.robot.follower import PASSED, RESTING, FollowCode, Follower, FollowMotion
+from flexhinf.robot.follow_limits import ANYWHERE
+from flexhinf.robot.follower import FollowCode, Follower, FollowMotion, FollowReason
 
 #: Largest difference of C and Python, relative to the largest number of its column, by type.
 CLOSE = {"double": 1e-13, "float": 2e-4}
-
-#: How many rows are compared at most; and at how many poses in all the range, rad or m, of joints without one.
-ROWS, POSES, FREE = 130, 40, 6.0
-
-#: The session without these poses, in smoothing times.
-LASTS = 66.0
-
-#: How far from the robot's home the session begins, rad or m, so that no angle is 0.
-ASIDE = 1.1
-
-#: Largest way of a joint, rad or m, and what part of range and speed limit it takes.
-WAY, OF_RANGE, OF_SPEED = 0.2, 0.1, 0.3
-
-
-class GoalChange(TypedDict, total=False):
-    """What a `FollowGoal` states otherwise than another."""
-
-    joint_names: Sequence[str]
-    times: ArrayLike
-    positions: ArrayLike
-    velocities: ArrayLike | None
-    accelerations: ArrayLike | None
-    begins: float
-    path_tolerance: Mapping[str, Sequence[float]]
-    goal_tolerance: Mapping[str, Sequence[float]]
-    goal_time: float
 
 
 class PointRow(NamedTuple):
@@ -70,282 +45,17 @@ class GoalRow:
 
 
 class EventRow(NamedTuple):
-    """An event as the program reads it; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose."""
+    """An event as the program reads it; `kind`: 0 nothing, 1 a goal, 2 cancel, 3 another pose, 4 the end of every goal;
+    `number`: of the goal, or with which code goals end."""
 
     step: int
     kind: int
     goal: int
+    number: int
     answer: int
     rates: tuple[float, float]
     away: Matrix
     pose: Vector
-
-
-@dataclass(frozen=True)
-class Event:
-    """What happens before a step, and what holds from it on.
-
-    `what`: A goal to start, "cancel", or a pose (n,) to be reset to. `away`: Errors (2, n) of what is measured.
-    """
-
-    step: int
-    what: FollowGoal | str | Vector | None = None
-    speed: float = 1.0
-    rate: float = 1.0
-    away: Vector | None = None
-
-
-@dataclass(frozen=True)
-class FollowerTrial:
-    """A follower with the goals and events that it is tested with.
-
-    `follower`: With options of its own, whose times end between samples, so that no rounding decides.
-    `way`: (n,), rad or m, within which goals lie beside `home`.
-    """
-
-    follower: Follower
-    home: Vector
-    way: Vector
-
-    @property
-    def count(self) -> int:
-        """Samples of the smoothing time."""
-        return round(self.follower.smoothing / self.follower.period)
-
-    @property
-    def every(self) -> int:
-        """Of every how many samples the row is compared: the table has as many rows whatever the period."""
-        return -(-self.at(LASTS) // ROWS)
-
-    def at(self, multiple: float) -> int:
-        """A multiple of the smoothing time, in samples."""
-        return round(multiple * self.count)
-
-    def time(self, multiple: float) -> float:
-        """A multiple of the smoothing time that ends between two samples, s."""
-        return (self.at(multiple) + 0.41) * self.follower.period
-
-    def goal(
-        self,
-        multiples: Sequence[float],
-        shares: Sequence[float],
-        order: int = 1,
-        /,
-        **other: Unpack[GoalChange],
-    ) -> FollowGoal:
-        """Waypoints at multiples of the smoothing time, at shares of the way from home; joints in reversed order."""
-        joints, sizes = self.follower.robot.joint_names, self.way * np.linspace(1.0, 0.6, len(self.way))
-        rows = np.zeros((3, len(multiples), len(joints)))
-        rows[0] = self.home + np.outer(shares, sizes)
-        seconds = np.array([self.time(multiple) for multiple in multiples])
-        slopes = np.outer(np.linspace(0.3, 0.1, len(multiples)), sizes) / seconds[-1]
-        rows[1, :-1], rows[2] = slopes[:-1], -slopes / seconds[-1]
-        velocities, accelerations = (rows[k, :, ::-1] if k < order else None for k in (1, 2))
-        own = FollowGoal(joints[::-1], seconds, rows[0, :, ::-1], velocities, accelerations)
-        return replace(own, **other)
-
-    def partial(
-        self,
-        joints: slice,
-        multiples: Sequence[float],
-        shares: Sequence[float],
-        order: int,
-        **other: Unpack[GoalChange],
-    ) -> FollowGoal:
-        """The goal of some joints alone; of all where there is one."""
-        whole = self.goal(multiples, shares, order, **other)
-        if len(whole.joint_names) == 1:
-            return whole
-        rows = zip(("positions", "velocities", "accelerations"), whole.arrays)
-        chosen = {name: values[:, joints] for name, values in rows}
-        return replace(whole, joint_names=whole.joint_names[joints], **chosen)
-
-    def jump(self, joints: slice, begins: float = 0.0) -> FollowGoal:
-        """A first waypoint that is too far for its time."""
-        far = self.home + 4.0 * self.follower.jumps
-        return self.partial(joints, [0.2], [0.0], 1, positions=[far[::-1]], begins=begins)
-
-
-def session_of(code: ControllerCode) -> FollowerTrial:
-    """The session of a controller that follows trajectories: beside its robot's home, within the joints' ranges."""
-    own = follower_of(code)
-    assert own is not None
-    (low, high), speeds = own.ranges, own.speeds
-    way = np.minimum(np.minimum(WAY, OF_RANGE * (high - low)), 2.0 * OF_SPEED * own.smoothing * speeds)
-    home = np.clip(np.asarray(own.robot.home, dtype=float) + ASIDE, low + 3.0 * way, high - 3.0 * way)
-    count, last = round(own.smoothing / own.period), len(way) - 1
-    follower = replace(
-        own,
-        partial=True,
-        limited=False,
-        stop_time=(2 * count + count // 2 + 0.41) * own.period,
-        path_tolerance={own.robot.joint_names[0]: (1.5 * way[0], 0.0)},
-        goal_tolerance={own.robot.joint_names[last]: (0.5 * way[last], 0.0)},
-        goal_time=(count // 2 + 0.41) * own.period,
-        timeout=(count + 0.41) * own.period,
-    )
-    return FollowerTrial(follower, home, way)
-
-
-def events(session: FollowerTrial) -> list[Event]:
-    """Goals at rest, at speed, past and future ones; slowed, braked, cancelled, refused, partial; and each end."""
-    at, goal, n = session.at, session.goal, len(session.way)
-    first, last = session.follower.robot.joint_names[0], session.follower.robot.joint_names[-1]
-    away = np.zeros((2, n))
-    aside, faster = away.copy(), away.copy()
-    aside[0, 0], faster[1, -1] = 2.0 * session.way[0], 1000.0 * session.way[-1]
-    askew = away.copy()
-    askew[0, -1] = -session.way[-1]
-    anywhere = away.copy()
-    anywhere[:, 0] = 1000.0
-    low, high = session.follower.ranges
-    up, down = (np.where(np.isfinite(end), end, session.home) for end in (high, low))
-    near, period = 0.1 * session.way, session.follower.period
-    steps = [(at(LASTS) // session.every + 1 + k) * session.every for k in range(POSES)]
-    ends = np.where(np.isfinite(session.follower.ranges), session.follower.ranges, [[-FREE], [FREE]])
-    shares = (0.618 * np.arange(POSES)[:, None] + 0.37 * np.arange(n) + 0.5) % 1.0
-    shares[0], shares[1] = 0.0, 1.0  # the largest angles
-    poses = ends[0] + shares * (ends[1] - ends[0])
-    narrow = {first: (3.0 * session.way[0], 0.0)} | {last: (3.0 * session.way[-1], 20.0 * session.way[-1])}
-    return [
-        Event(0, goal([1.2, 2.6, 4.0], [0.3, 1.0, 0.5], 3)),
-        Event(at(1.0), speed=0.4),
-        Event(at(2.0), goal([0.3, 1.6, 3.0], [0.9, 0.2, -0.8], 2, begins=-session.time(0.4))),
-        Event(at(3.0), rate=0.6),
-        Event(at(3.2), rate=0.0),
-        Event(at(3.4), speed=0.5),
-        Event(at(3.9), "cancel"),
-        Event(at(4.2), goal([1.3, 2.6], [0.1, 0.3], 2)),
-        Event(at(4.4), "cancel", speed=0.5),
-        Event(at(4.4), goal([1.3, 2.6], [0.2, 0.0], 3)),
-        Event(at(4.8), "cancel", speed=0.0),
-        Event(at(5.0), goal([1.2, 2.4], [-0.2, 0.5], begins=(at(4.0) + 0.56) * period)),
-        Event(at(6.8), speed=np.nan),
-        Event(at(7.2), rate=np.nan),
-        Event(at(7.3)),
-        Event(at(9.0), session.jump(slice(-1, None))),
-        Event(at(9.2), session.jump(slice(0, 1)), np.inf, np.inf),
-        Event(at(9.5), session.jump(slice(-1, None), begins=(at(3.0) + 1) * period), 1.1, -0.5),
-        Event(at(12.7), goal([1.2], [0.1], begins=at(8.0) * period), -0.5, 1.1),
-        Event(at(13.2), session.partial(slice(-1, None), [8.0], [0.1], 1), speed=0.3),
-        Event(at(13.3), speed=0.8),
-        Event(at(14.5), rate=0.618),
-        Event(at(16.3)),
-        Event(at(17.2), session.partial(slice(0, 1), [1.2, 2.4], [0.6, 0.9], 1)),
-        Event(at(18.4), session.partial(slice(1, None), [1.1, 2.3], [0.1, -0.5], 2)),
-        Event(at(19.6), away=aside),
-        Event(at(20.0), goal([1.2, 2.4], [0.4, 0.8], begins=at(3.5) * period)),
-        Event(at(20.2), "cancel"),
-        Event(at(20.4), goal([1.2], [0.5], path_tolerance=narrow)),
-        Event(at(20.8), away=aside),
-        Event(at(21.0), away=faster),
-        Event(at(21.4)),
-        Event(
-            at(22.0),
-            session.partial(
-                slice(0, 1),
-                [1.2],
-                [0.3],
-                1,
-                path_tolerance={first: (-1.0, -1.0)},
-                goal_time=session.time(0.3),
-            ),
-        ),
-        Event(at(22.1), away=anywhere),
-        Event(at(22.2), away=askew),
-        Event(
-            at(31.4),
-            session.partial(
-                slice(-1, None),
-                [1.2],
-                [0.3],
-                1,
-                goal_time=-1.0,
-                goal_tolerance={first: (session.way[0], -1.0)},
-            ),
-            away=askew,
-        ),
-        Event(at(39.9), up - 3.0 * near, rate=0.5),
-        Event(at(40.5), goal([1.2], [0.0], 3, positions=[(up - near)[::-1]])),
-        Event(at(41.0), "cancel"),
-        Event(at(43.5), down + 3.0 * near),
-        Event(at(44.0), goal([1.2], [0.0], positions=[down[::-1]])),
-        Event(at(45.1), "cancel"),
-        Event(at(46.0), up + near),
-        Event(at(46.2), session.partial(slice(-1, None), [1.2], [0.0], 1, positions=[(up - near)[::-1]])),
-        Event(at(46.5), "cancel"),
-        Event(at(48.0), session.home),
-        Event(at(48.2), goal([1.2], [0.3]), away=askew),
-        Event(at(57.0), goal([1.2], [0.5])),
-        *(Event(step, pose, rate=(1.0, 0.5)[k % 2]) for k, (step, pose) in enumerate(zip(steps, poses))),
-        Event(steps[-1] + session.every),
-    ]
-
-
-def refusals(session: FollowerTrial) -> list[FollowGoal]:
-    """Goals that `Follower.check` refuses, each for one reason, between some that it takes."""
-    own = session.follower
-    joints, period, (low, high) = own.robot.joint_names, own.period, own.ranges
-    first, last, n = joints[0], joints[-1], len(joints)
-    times = np.array([session.time(1.5), session.time(3.0)])
-    rows, still = np.array([session.home, session.home + 0.1 * session.way])[:, ::-1], np.zeros((2, n))
-    ended, infinite = still.copy(), still.copy()
-    ended[1, -1], infinite[0, 0] = 0.1, np.inf
-    base = FollowGoal(joints[::-1], times, rows)
-
-    def moved(to: Vector) -> Vector:
-        return np.array([rows[0], to[::-1]])
-
-    changes: list[GoalChange] = [
-        {},
-        {"times": times[::-1]},
-        {"times": times[0] + np.array([0.0, 0.9 * period / PASSED])},
-        {"times": times[0] + np.array([0.0, 1.1 * period / PASSED])},
-        {"times": [times[0], np.inf]},
-        {"times": [np.nan, times[1]]},
-        {"times": [-period, times[1]]},
-        {"times": [0.0, times[1]]},
-        {"positions": np.where(still == ended, rows, np.nan)},
-        {"positions": moved(session.home + 1.1 * own.speeds * (times[1] - times[0]))},
-        {"positions": moved(np.where(np.arange(n) == n - 1, high + 0.01, session.home))},
-        {"positions": moved(np.where(np.arange(n) == 0, low - 0.01, session.home))},
-        {
-            "positions": moved(session.home + 1.1 * own.jumps),
-            "times": [times[0], times[0] + 0.5 * own.smoothing],
-        },
-        {
-            "positions": moved(session.home + 0.9 * own.jumps),
-            "times": [times[0], times[0] + 0.1 * own.smoothing],
-        },
-        {"velocities": ended},
-        {"velocities": 9.0 * RESTING * ended},  # nine tenths
-        {"velocities": -11.0 * RESTING * ended},
-        {"velocities": infinite},
-        {"velocities": still, "accelerations": infinite},
-        {"velocities": still, "accelerations": still},
-        {"path_tolerance": {first: (-0.5, 0.0)}},
-        {"path_tolerance": {last: (0.0, np.nan)}},
-        {"goal_tolerance": {first: (np.inf, 0.0)}},
-        {"goal_tolerance": {last: (0.0, -1.1)}},
-        {"goal_tolerance": {last: (-1.0, 0.1)}},
-        {"goal_time": -2.0},
-        {"goal_time": -1.0},
-        {"goal_time": np.nan},
-        {"begins": -times[1] - 0.1 * period},
-        {"begins": -times[1] + 0.1 * period},
-        {"begins": np.nan},
-        {"times": [], "positions": np.zeros((0, n))},
-        {"times": [0.0], "positions": rows[:1]},
-        {"joint_names": joints[:1], "positions": rows[:, -1:]},
-        {"joint_names": [], "positions": np.zeros((2, 0))},
-    ]
-    if own.limits.limits:  # one half, and half more, of the largest bend at the end
-        for share in (0.5, 1.5):
-            slope = share * np.min(own.limits.commands / own.limits.bends, axis=0)
-            changes.append(
-                {"positions": moved(session.home + np.minimum(slope, 1e3) * (times[1] - times[0]))}
-            )
-    return [replace(base, **change) for change in changes]
 
 
 def follow_test_values(code: ControllerCode) -> dict[str, object]:
@@ -363,7 +73,8 @@ def follow_test_values(code: ControllerCode) -> dict[str, object]:
     )
     checked = [(one, follower.check(one), plain.check(one)) for one in refused]
     started = [event.what for event in happens if isinstance(event.what, FollowGoal)]
-    samples, says, answers = _played(session, happens)
+    played = _played(session, happens)
+    samples, says = played.samples, played.says
     kept = _rows(session, samples[:: session.every])
     sizes = np.abs(kept).max(axis=0)
     values = follow_values(code)
@@ -374,45 +85,71 @@ def follow_test_values(code: ControllerCode) -> dict[str, object]:
         "points": points,
         "goals": goals,
         "checks": [(len(started) + k, int(own), int(other)) for k, (_, own, other) in enumerate(checked)],
-        "events": _event_rows(happens, answers, len(session.way)),
+        "lows": [low if low > -ANYWHERE else 0.0 for low in follower.own.low],
+        "highs": [high if high < ANYWHERE else 0.0 for high in follower.own.high],
+        "peaks": follower.own.peak,
+        "paced": follower.own.paced,
+        "events": _event_rows(happens, played, len(session.way)),
+        "ended": played.ended,
         "home": session.home,
         "kept": kept,
         "sizes": np.maximum(sizes, 1e-6 * sizes.max()),
         "every": session.every,
         "steps": len(samples),
-        "says": [(k, *pair) for k, pair in enumerate(says) if k == 0 or pair != says[k - 1]],
+        "says": [(k, *one) for k, one in enumerate(says) if k == 0 or one != says[k - 1]],
         "close": CLOSE[code.real.name],
         "far": Markup(FAR[code.real.name]),
         "largest": Markup(LARGEST[code.real.name]),
     }
 
 
-def _played(
-    session: FollowerTrial, happens: Sequence[Event]
-) -> tuple[list[FollowMotion], list[tuple[int, int]], list[int]]:
-    """Samples, what each of them says, and the answers to events."""
+class Played(NamedTuple):
+    """What a follower made of a session."""
+
+    samples: list[FollowMotion]
+    says: list[tuple[int, int]]  # of each sample, and whether a goal waits
+    answers: list[int]  # to events
+    numbers: list[int]  # of their goals
+    ended: list[tuple[int, int, int, int]]  # step, number, code and reason
+
+
+def _ends_of(step: int, follower: Follower) -> list[tuple[int, int, int, int]]:
+    return [(step, number, int(code), int(reason)) for number, code, reason in follower.ends]
+
+
+def _played(session: FollowerTrial, happens: Sequence[Event]) -> Played:
+    """Play the session."""
     follower, n = session.follower, len(session.way)
     follower.reset(session.home)
     at, moves, now = session.home, np.zeros(n), happens[0]
-    samples, says, answers, later = list[FollowMotion](), list[tuple[int, int]](), list[int](), list(happens)
+    found, started, later = Played([], [], [], [], []), 0, list(happens)
     for k in range(happens[-1].step):
         while later[0].step <= k:
             now = later.pop(0)
-            answer = int(FollowCode.ACTIVE)
+            answer, number = int(FollowCode.ACTIVE), 0
             if isinstance(now.what, FollowGoal):
-                answer = int(follower.start(now.what))
+                started = number = started + 1
+                answer = int(follower.start(now.what, number))
+            elif isinstance(now.what, str) and now.what == "end":
+                number = int(FollowCode.PATH_TOLERANCE_VIOLATED)
+                follower.end_all(FollowCode.PATH_TOLERANCE_VIOLATED, FollowReason.DROPPED)
             elif isinstance(now.what, str):
-                follower.cancel()
+                number = started + 1 - now.back if now.back else 0
+                follower.cancel(number)
             elif now.what is not None:
                 follower.reset(now.what)
                 at, moves = now.what, np.zeros(n)
-            answers.append(answer)
+            found.answers.append(answer)
+            found.numbers.append(number)
+            if now.what is not None:
+                found.ended.extend(_ends_of(k, follower))
         away = np.zeros((2, n)) if now.away is None else now.away
         sample = follower.advance(at + away[0], moves + away[1], now.speed, now.rate)
         at, moves = sample.position, sample.velocity
-        samples.append(sample)
-        says.append((int(sample.result), int(follower.waits)))
-    return samples, says, answers
+        found.samples.append(sample)
+        found.says.append((int(sample.result), int(follower.waits)))
+        found.ended.extend(_ends_of(k, follower))
+    return found
 
 
 def _rows(session: FollowerTrial, samples: Sequence[FollowMotion]) -> np.ndarray:
@@ -422,17 +159,21 @@ def _rows(session: FollowerTrial, samples: Sequence[FollowMotion]) -> np.ndarray
     return np.hstack([state, u, positions, velocities])
 
 
-def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> list[EventRow]:
+def _event_rows(happens: Sequence[Event], played: Played, n: int) -> list[EventRow]:
     """Events as the program reads them."""
     rows, goals = list[EventRow](), 0
-    for event, answer in zip(happens, answers):  # the last one ends the session
-        kind = 1 if isinstance(event.what, FollowGoal) else 2 if isinstance(event.what, str) else 3
+    for event, answer, number in zip(
+        happens, played.answers, played.numbers
+    ):  # the last one ends the session
+        kind = 1 if isinstance(event.what, FollowGoal) else 3
+        kind = {"cancel": 2, "end": 4}[event.what] if isinstance(event.what, str) else kind
         kind = 0 if event.what is None else kind
         rows.append(
             EventRow(
                 event.step,
                 kind,
                 goals if kind == 1 else 0,
+                number,
                 answer,
                 (event.speed, event.rate),
                 np.zeros((2, n)) if event.away is None else event.away,
@@ -445,24 +186,17 @@ def _event_rows(happens: Sequence[Event], answers: Sequence[int], n: int) -> lis
 
 def _tables(goals: Sequence[FollowGoal], follower: Follower) -> tuple[list[PointRow], list[GoalRow]]:
     """Waypoints of all goals in the robot's order, what is not stated as no number; and each goal with its part."""
-    own, points, rows = follower.robot.joint_names, list[PointRow](), list[GoalRow]()
+    points, rows = list[PointRow](), list[GoalRow]()
     for goal in goals:
-        times, places = np.asarray(goal.times, dtype=float), [own.index(joint) for joint in goal.joint_names]
-        numbers, stated = np.full((3, len(times), len(own)), np.nan), np.zeros((2, 2, len(own)))
-        for kind, values in enumerate(goal.arrays):
-            numbers[kind][:, places] = values
-        for kind, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
-            for joint, pair in pairs.items():
-                stated[kind, :, own.index(joint)] = pair
-        rows.append(
-            GoalRow(
-                len(points),
-                len(times),
-                np.isin(np.arange(len(own)), places).astype(int),
-                goal.begins,
-                stated,
-                goal.goal_time,
+        found = goal.ordered(follower.robot.joint_names)
+        moves = np.zeros(len(follower.robot.joint_names), dtype=int) if found is None else found.moves
+        if found is None:  # joints that the program has no names of: none
+            rows.append(
+                GoalRow(len(points), 0, moves, goal.begins, np.zeros((2, 2, len(moves))), goal.goal_time)
             )
+            continue
+        rows.append(
+            GoalRow(len(points), len(found.times), moves, goal.begins, found.tolerances, goal.goal_time)
         )
-        points += [PointRow(*row) for row in zip(times, *numbers, goal.orders, strict=True)]
+        points += [PointRow(*row) for row in zip(found.times, *found.points, found.orders, strict=True)]
     return points, rows

@@ -12,7 +12,7 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.follow import follower_of
+from flexhinf.export.follow import REASONS, TEXTS, follower_of
 from flexhinf.export.ros2_description import Commanded, Measured, description_values, initial_values
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
@@ -66,10 +66,19 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, object]:
         "states": identifiers(code.signals["X"]),
         "joint_names": [] if code.robot is None else list(code.robot.joint_names),
         **description_values(code, measurements, inputs),
+        "paths": _paths(code),
+        "texts": [(code.name, text) for code, text in TEXTS.items()],
+        "reasons": [(reason.name, text) for reason, text in REASONS.items()],
         "health": _health(code),
         "references": _references(code),
         **_start_values(code, _StandstillModel.of(code), home),
     }
+
+
+def _paths(code: ControllerCode) -> list[tuple[str, float]]:
+    """Joints with their path tolerances, rad or m; 0 is any."""
+    follower = follower_of(code)
+    return [] if follower is None else list(zip(follower.robot.joint_names, follower.usual[0, 0].tolist()))
 
 
 def _references(code: ControllerCode) -> list[str]:

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput
@@ -107,6 +107,19 @@ class _Restart:
         self.is_over.set()
 
 
+def _tell_of_cancels(server: Any, tell: Callable[[], None]) -> None:
+    """Say when a cancel comes to an action server: rclpy tells of those alone that meet a goal."""
+    take = server.take_data
+
+    def taken() -> Mapping[str, object]:
+        data: Mapping[str, object] = take()
+        if "cancel" in data:
+            tell()
+        return data
+
+    server.take_data = taken
+
+
 class RosNode:
     """Topics and action of a `TrajectoryServer`; a context, which stops the robot and gives all back at its end.
 
@@ -160,7 +173,7 @@ class RosNode:
         self._pending_restart: _Restart | None = None
         if self._trigger is not None:
             self.node.create_service(self._trigger, "~/restart", self._restart)
-        self._logged, self._groups = "", state_groups(server.code)
+        self._logged, self._contested, self._groups = "", False, state_groups(server.code)
         self._passes = 0
         self._every = max(1, round(PUBLISHED / server.period))
         self._reports = {
@@ -174,6 +187,7 @@ class RosNode:
         self._lock = threading.Lock()
         self._goals: list[_OpenGoal] = []
         self._open: dict[bytes, _OpenGoal] = {}
+        self._is_cancelled = threading.Event()
         self._served = (
             None
             if self._action is None
@@ -187,6 +201,8 @@ class RosNode:
                 cancel_callback=self._allow_cancel,
             )
         )
+        if self._served is not None:
+            _tell_of_cancels(self._served, self._is_cancelled.set)
         self._executor = ros["rclpy.executors"].MultiThreadedExecutor(THREADS, context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -298,9 +314,14 @@ class RosNode:
     # Thread of the samples -----------------------------------------------------------------------------
     def sample(self, elapsed: float = 0.0) -> None:
         """One sample of the server, and what there is to say of it."""
-        for goal in tuple(self._goals):
+        goals = tuple(self._goals)
+        for goal in goals:
             if goal.handle.is_cancel_requested:
                 self.server.cancel(goal.number)
+        if self._is_cancelled.is_set():
+            self._is_cancelled.clear()
+            if not goals:  # which no goal answers: it means what moves
+                self.server.cancel()
         self._answer(self.server.restart)
         self.server.sample(elapsed)
         self._tell()
@@ -308,9 +329,23 @@ class RosNode:
             self._logged = self.server.stopped
             if self._logged:
                 self.node.get_logger().error(f"the robot is stopped: {self._logged}")
+        if self.server.contested != self._contested:
+            self._contested = self.server.contested
+            if self._contested:
+                self._warn_of_sources()
         self._passes += 1  # also those of a robot that is stopped
         if self._passes % self._every == 0:
             self._publish()
+
+    def _warn_of_sources(self) -> None:
+        """Who sends trajectories that replace one another."""
+        found = self.node.get_publishers_info_by_topic("~/joint_trajectory")
+        names = [f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in found]
+        self.node.get_logger().warning(
+            "trajectories of two sources replace one another: publishers of "
+            f"{self.node.get_name()}/joint_trajectory are {', '.join(names) or 'none'}, beside the action's clients. "
+            "Stop one of them"
+        )
 
     def _answer(self, decide: Callable[[], str]) -> None:
         """What ``~/restart`` waits for."""

@@ -31,15 +31,16 @@ class AtStart(NamedTuple):
 
 
 def goal_parameters(follower: Follower) -> dict[str, bool | float]:
-    """Parameters by name, as they are without any; the stop time is that of `follower`."""
-    joints = follower.robot.joint_names
+    """Parameters by name, as they are without any; stop time and path tolerances are those of `follower`."""
+    joints, paths = follower.robot.joint_names, follower.usual[0, 0].tolist()
     return {
         "allow_partial_joints_goal": False,
         "cmd_timeout": 0.0,
         "stop_time": float(follower.stop_time),
         "constraints.goal_time": 0.0,
         "constraints.stopped_velocity_tolerance": STOPPED,
-        **{f"constraints.{joint}.{kind}": 0.0 for joint in joints for kind in ("trajectory", "goal")},
+        **{f"constraints.{joint}.trajectory": path for joint, path in zip(joints, paths)},
+        **{f"constraints.{joint}.goal": 0.0 for joint in joints},
     }
 
 

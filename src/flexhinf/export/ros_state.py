@@ -13,7 +13,9 @@ from flexhinf.export.trajectory_server import TrajectoryServer
 from flexhinf.loop import Status
 
 #: Numbers of the published health before the bits of the status.
-HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands")
+HEALTH = (
+    "code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands", "contested",
+)  # fmt: skip
 
 #: Groups along a trajectory, with the attributes of `ArmMotion` that they are made of.
 FOLLOWED = ("desired", "actual", "error")
@@ -58,6 +60,7 @@ def state_values(server: TrajectoryServer) -> list[np.ndarray]:
         "missed_writes": [0],  # an object that cannot write ends the loop
         "stopped": [int(bool(server.stopped))],
         "refused_commands": [0],  # rows are taken by the plugin alone
+        "contested": [int(server.contested)],
         "unseen": server.unseen,
         "doubtful": [stepped.doubtful_samples],
         "rejected": stepped.rejected,

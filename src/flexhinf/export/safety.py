@@ -15,7 +15,7 @@ from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, STATUS, ControllerCode
 from flexhinf.export.follow import follower_of
 from flexhinf.export.recording import Recording
-from flexhinf.export.rendering import of_file
+from flexhinf.export.rendering import markdown, of_file
 from flexhinf.loop import Status
 from flexhinf.loop.controller.memory import SPACING
 
@@ -168,12 +168,16 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
     same = "nothing: the motion that there is goes on"
     begun = f"`{n}_follow_check`, `{n}_follow_start`: at once; a goal that waits: in the sample in which it would begin"
     behind = f", of where the arm was {follower.latency * ms:g} ms before" if follower.latency else ""
+    sizes = zip(follower.robot.joint_names, follower.usual[0, 0].tolist())
+    stated = [f"{size:g} of {markdown(joint)}" for joint, size in sizes if size > 0.0]
+    paths = f"{', '.join(stated) or 'none'} unless goal or options change it"
     late = f"goal time, {follower.goal_time:g} s" if follower.goal_time else "the goal time, none"
     timeout = f"time-out, {follower.timeout:g} s" if follower.timeout else "the time-out, none"
     return [
         (
             f"-1 `{code.upper('FOLLOW_INVALID_GOAL')}`",
-            "the goal cannot be followed, or not from the motion that there is: a jump, or too quick",
+            "the goal cannot be followed, or not from the motion that there is: at a waypoint or between two of them a "
+            "joint leaves its range or its speed limit, or hurries its drive; or another goal has replaced it",
             same,
             begun,
             "tell the sender; send one that begins where the arm is to be now",
@@ -194,7 +198,8 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
         ),
         (
             f"-4 `{code.upper('FOLLOW_PATH_TOLERANCE_VIOLATED')}`",
-            "on its way a joint is farther from its place or velocity than the path tolerance",
+            f"on its way a joint is farther from its place than the path tolerance, {paths}, or from its velocity; or "
+            "`input.path_rate` is 0, as the controller has braked",
             f"comes to rest within `options.stop_time`, {follower.stop_time:g} s unless you change it, and holds; "
             "a goal that waits is dropped",
             f"{AT_ONCE}{behind}",
@@ -208,8 +213,9 @@ def goals(code: ControllerCode) -> list[tuple[str, ...]]:
             "tell the sender; find what holds the arm",
         ),
         (
-            f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`",
-            "a row from elsewhere jumps, is not finite, or twists a spring more than its drive can",
+            f"`{code.upper('BAD_COMMAND')}` of `{n}_follow_row`, `{n}_follow_stream`",
+            "a row from elsewhere jumps, leaves a range or a speed limit, is not finite, or twists a spring more than "
+            "its drive can",
             "nothing: it only tells",
             AT_ONCE,
             f"do not give that row to `{n}_step`: repeat the one before, or brake",
@@ -277,7 +283,17 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
         rows += [
             ("trajectories are those of the simulation", f"`{n}_follow_step`", f"{played}, every event"),
             ("goals that cannot be followed are refused", f"`{n}_follow_check`", f"{played}: `refused`"),
-            ("rows from elsewhere that cannot be are refused", f"`{n}_follow_row`", f"{played}: `rows`"),
+            (
+                "a goal ends once, and not before another replaces it",
+                f"`{n}_follow_start`",
+                f"{played}: `tell`",
+            ),
+            ("goals of two sources are noticed", f"`{n}_follow_contest`", f"{played}: `contest`"),
+            (
+                "rows from elsewhere that cannot be are refused",
+                f"`{n}_follow_stream`",
+                f"{played}: `rows`, `streams`",
+            ),
         ]
     return rows
 

@@ -1,7 +1,7 @@
 """A controller that follows trajectories as they come, sample by sample; messages are carried by others.
 
-What happens in a sample is decided by ``NAME_follow`` of the export: splines, tolerances, cancel, replacement. Here is
-what a goal is told: how it ends, where another replaces it, and what stops the robot.
+What happens is decided by ``NAME_follow`` of the export: splines, tolerances, cancel, replacement, and how goals end.
+Here is what goes on around it: the controller's step, and what stops the robot.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod, refuse_
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import MISSING_LIMIT, code_of
+from flexhinf.export.follow import REASONS, TEXTS
 from flexhinf.export.realtime import check_library
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
@@ -39,17 +40,6 @@ ROUNDING = 1e-9
 
 #: Passes in which the pose is found from motors whose springs the weight twists: as in the plugin of ros2_control.
 PASSES = 50
-
-#: What a goal is told about the codes that the follower answers.
-TEXTS = {
-    FollowCode.SUCCESSFUL: "the goal is reached",
-    FollowCode.INVALID_GOAL: "expected waypoints that increase in time, finite, within the joints' ranges and speeds, "
-    "without a jump, at rest at the end",
-    FollowCode.INVALID_JOINTS: "the joints are not those of the controller, each once",
-    FollowCode.OLD_HEADER_TIMESTAMP: "the trajectory is over",
-    FollowCode.PATH_TOLERANCE_VIOLATED: "a joint is farther from the path than its tolerance",
-    FollowCode.GOAL_TOLERANCE_VIOLATED: "a joint did not reach the goal in time",
-}
 
 
 class RobotIO(Protocol):
@@ -158,7 +148,6 @@ class TrajectoryServer:
 
     def _begin(self, q: Vector) -> None:
         """At rest at link positions, without a goal."""
-        self._open, self._in_use, self._pending = 0, 0, 0
         self._follower.reset(q)
         self.stepped = self._fresh()
         state, u = self.robot.operating_point(q)
@@ -196,34 +185,36 @@ class TrajectoryServer:
         """
         with self._lock:
             follower = replace(self.follower, **options)
-            if self._open or np.abs(self.motion.desired_velocity).max() > RESTING:
+            if self._follower.is_followed or np.abs(self.motion.desired_velocity).max() > RESTING:
                 return "a trajectory is followed: wait until it ends, or cancel it"
             self._follower.follower = follower
             self._follower.reset(self.motion.desired)
             return ""
 
+    @property
+    def contested(self) -> bool:
+        """Whether goals have led back and forth for more than a second, each before the one before has ended."""
+        return self._follower.contested
+
     def submit(self, goal: FollowGoal) -> int:
-        """Follow a goal from the next sample on; returns its number. The one before it ends with −1."""
+        """Follow a goal from the next sample on; returns its number. The one before it ends with −1, but not where this
+        one is refused, or before it begins."""
         with self._lock:
-            self._end(self._open, FollowCode.INVALID_GOAL, "another goal has replaced it")
             self._numbers += 1
-            self._open = number = self._numbers
-            code = FollowCode.PATH_TOLERANCE_VIOLATED if self.stopped else self._follower.start(goal)
+            number, code = self._numbers, FollowCode.PATH_TOLERANCE_VIOLATED
+            if not self.stopped:
+                code = self._follower.start(goal, number)
+                self._tell()
             if code is not FollowCode.ACTIVE:
-                self._end(number, code, self.stopped or TEXTS[code])
-            elif self._follower.waits:
-                self._pending = number
-            else:
-                self._in_use, self._pending = number, 0
+                self._ends.append(GoalEnd(number, code, self.stopped or TEXTS[code]))
             return number
 
-    def cancel(self, number: int) -> None:
-        """Come to rest, if it is this goal that is followed or waits; it ends with 0."""
+    def cancel(self, number: int = 0) -> None:
+        """Come to rest, if it is this goal that is followed, or whatever moves with 0; one that waits is dropped alone.
+        What is cancelled ends with 0."""
         with self._lock:
-            if number == self._open:
-                self._follower.cancel()
-                self._pending = 0
-                self._end(number, FollowCode.SUCCESSFUL, "the goal is cancelled")
+            self._follower.cancel(number)
+            self._tell()
 
     def ends(self) -> list[GoalEnd]:
         """How goals ended since this was called before."""
@@ -232,11 +223,10 @@ class TrajectoryServer:
             self._ends.clear()
             return found
 
-    def _end(self, number: int, code: FollowCode, text: str) -> None:
-        """The first word on a goal counts."""
-        if number and number == self._open:
-            self._open = 0
-            self._ends.append(GoalEnd(number, code, text))
+    def _tell(self) -> None:
+        """Keep how goals ended in the last call of the follower."""
+        for number, code, reason in self._follower.ends:
+            self._ends.append(GoalEnd(number, code, self.stopped or REASONS.get(reason) or TEXTS[code]))
 
     # Samples -------------------------------------------------------------------------------------------
     def sample(self, elapsed: float = 0.0) -> None:
@@ -288,7 +278,8 @@ class TrajectoryServer:
         """Stop the robot; the goal ends with −4 and this reason."""
         with self._lock:
             self.stopped = self.stopped or reason
-            self._end(self._open, FollowCode.PATH_TOLERANCE_VIOLATED, self.stopped)
+            self._follower.end_all(FollowCode.PATH_TOLERANCE_VIOLATED)
+            self._tell()
 
     def _measurement(self) -> Vector | None:
         read = self.hardware.read()
@@ -309,9 +300,7 @@ class TrajectoryServer:
     def _step(self, y: Vector | None, elapsed: float) -> None:
         actual, actual_velocity = self.motion[2:]
         followed = self._follower.step(actual, actual_velocity, self.speed, self.stepped.path_rate)
-        self._judge(followed.result)
-        if not self._follower.waits and self._pending:
-            self._in_use, self._pending = self._pending, 0
+        self._tell()
         try:
             self.input = self.stepped.step(y, followed.row, elapsed)
             begun = self.step_code != "WAITING" or y is not None
@@ -331,16 +320,6 @@ class TrajectoryServer:
         if np.isfinite(x).all():
             actual, actual_velocity = x[:n], x[n : 2 * n]
         self.motion = ArmMotion(followed.position, followed.velocity, actual, actual_velocity)
-
-    def _judge(self, code: FollowCode) -> None:
-        if code in (FollowCode.INVALID_GOAL, FollowCode.OLD_HEADER_TIMESTAMP):
-            self._end(self._pending, code, TEXTS[code])  # one that has waited; the one before it goes on
-            self._pending = 0
-        elif code not in (FollowCode.ACTIVE, FollowCode.IDLE):
-            self._end(self._in_use, code, TEXTS[code])
-            if code is FollowCode.PATH_TOLERANCE_VIOLATED:  # the goal that waits is dropped
-                self._end(self._pending, code, TEXTS[code])
-                self._pending = 0
 
 
 def measured_pose(robot: Robot, measured: tuple[str, ...], y: Numbers) -> Vector:

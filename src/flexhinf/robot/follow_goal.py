@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
 from flexhinf.notebook import StatedRepr
+
+
+class GoalRows(NamedTuple):
+    """The numbers of a goal in the order of a robot's n joints."""
+
+    times: Vector  # (N,)
+    points: np.ndarray  # (3, N, n), NaN where nothing is stated
+    orders: np.ndarray  # (N,)
+    moves: np.ndarray  # (n,): 1, or 0 for a joint that is left out
+    tolerances: np.ndarray  # (2, 2, n): of path and goal, of position and velocity
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,6 +110,21 @@ class FollowGoal(StatedRepr):
         count = np.size(self.times)
         velocities, accelerations = (_stated(rows, count) for rows in (self.velocities, self.accelerations))
         return 1 + velocities + (velocities & accelerations)
+
+    def ordered(self, joints: Sequence[str]) -> GoalRows | None:
+        """In the order of a robot's joints; None where a name is none of them, or stands twice."""
+        names, stated = list(self.joint_names), {*self.path_tolerance, *self.goal_tolerance}
+        if not names or len({*names}) < len(names) or {*names, *stated} - {*joints}:
+            return None
+        times, places = np.array(self.times, dtype=float), [joints.index(name) for name in names]
+        points, tolerances = np.full((3, len(times), len(joints)), np.nan), np.zeros((2, 2, len(joints)))
+        for k, rows in enumerate(self.arrays):
+            points[k][:, places] = rows
+        for k, pairs in enumerate((self.path_tolerance, self.goal_tolerance)):
+            for joint, pair in pairs.items():
+                tolerances[k, :, joints.index(joint)] = pair
+        moves = np.isin(np.arange(len(joints)), places).astype(np.intc)
+        return GoalRows(times, points, self.orders, moves, tolerances)
 
 
 def _listed(rows: ArrayLike | None) -> Sequence[ArrayLike | None] | None:

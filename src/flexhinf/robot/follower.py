@@ -3,8 +3,8 @@
 A goal has waypoints with times. Between two of them the path is linear, cubic or quintic, as they state positions,
 velocities too, or accelerations too, like that of joint_trajectory_controller. The path is smoothed by the B-splines of
 `Feedforward`, so that the inverse dynamics of the elastic joints have the four derivatives that they need: also where
-a goal is replaced, cancelled or linear. All is done in a bounded number of operations; the C of an export computes the
-same.
+a goal is replaced, cancelled or linear. What happens is decided by `flexhinf.robot.follow_machine`, which is the C of
+an export too, in a bounded number of operations.
 """
 
 # Not checked strictly: what a caller passes may be of another type than stated.
@@ -14,55 +14,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexhinf.arrays import Vector
+from flexhinf.arrays import Numbers, Vector
+from flexhinf.codegen.c.source import zeros
 from flexhinf.errors import refuse_if
 from flexhinf.notebook import StatedRepr
+from flexhinf.robot import follow_machine
 from flexhinf.robot.feedforward import Feedforward
 from flexhinf.robot.follow_goal import FollowGoal
-from flexhinf.robot.follow_path import GoalLimits, between
+from flexhinf.robot.follow_limits import ROUNDING, FollowLimits, ranges_of, speeds_of
+from flexhinf.robot.follow_records import (
+    FollowCode as FollowCode,
+    FollowReason as FollowReason,
+    Goal,
+    Input,
+    Options,
+    Output,
+    Point,
+    State,
+)
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_array, checked_positive
-
-#: Points of a path that one sample may pass, which bounds its time: nearer ones are refused.
-PASSED = 16
-
-#: Jump of a joint that turns or slides without a stated speed limit, rad and m, that counts as none.
-JUMPS = (0.05, 0.01)
-
-#: Samples that are counted at most: a goal that waits longer begins then, one that ends is late by no more.
-MOST_COUNTED = 2_000_000_000
-
-#: What is above a speed limit by rounding alone.
-ROUNDING = 1.001
-
-#: Samples of a goal whose commands are judged at most: a longer one is refused where drives limit them.
-MOST_JUDGED = 1_000_000
 
 #: Velocity below which a joint counts as stopped at the goal, rad/s or m/s: as in joint_trajectory_controller.
 STOPPED = 0.01
 
-#: Largest velocity of a last waypoint that counts as rest, rad/s or m/s: as in joint_trajectory_controller.
-RESTING = float(np.finfo(np.float32).eps)
-
-
-class FollowCode(IntEnum):
-    """What `Follower` answers: the codes of control_msgs/FollowJointTrajectory, and two of its own above them."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
-    ACTIVE = 1
-    IDLE = 2
+#: Share of the braking time in which a path goes on at its speed, until a controller has braked it.
+BRAKED = 0.5
 
 
 class FollowSample(NamedTuple):
@@ -83,21 +66,62 @@ class FollowMotion(NamedTuple):
     result: FollowCode
 
 
-class _Followed(NamedTuple):
-    """A goal in the robot's order."""
+class FollowEnd(NamedTuple):
+    """How the goal of a number ended, and why."""
 
-    times: Vector  # (N,), s
-    points: np.ndarray  # (3, N, n)
-    orders: np.ndarray  # (N,): 1, 2 or 3
-    moves: np.ndarray  # (n,), of bool
-    path: np.ndarray  # (2, n): of positions and velocities; 0 is any
-    goal: np.ndarray
-    goal_time: float
-    begins: float
+    number: int
+    code: FollowCode
+    reason: FollowReason
+
+
+class Watched(Protocol):
+    """`flexhinf.Supervision`, as far as a follower reads it."""
+
+    @property
+    def following(self) -> Numbers: ...  # noqa: D102
+    @property
+    def braking_time(self) -> float: ...  # noqa: D102
+
+
+class Steered(Protocol):
+    """`flexhinf.Controller`, likewise."""
+
+    @property
+    def period(self) -> float: ...  # noqa: D102
+    @property
+    def supervision(self) -> Watched | None: ...  # noqa: D102
+
+
+class FollowerStatus:
+    """What a memory tells, in Python or in C, of goals."""
+
+    _state: State
+    _output: Output
+
+    @property
+    def waits(self) -> bool:
+        """Whether a goal waits until it begins; the one before is still followed."""
+        return bool(self._state.has_next)
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether a goal is followed, or waits."""
+        return bool(self._state.active or self._state.has_next)
+
+    @property
+    def contested(self) -> bool:
+        """Whether goals replace one another, back and forth, for more than a second."""
+        return bool(self._output.contested)
+
+    @property
+    def ends(self) -> list[FollowEnd]:
+        """Goals with numbers that ended in the last call."""
+        ends = self._state.ends[: self._state.ended]
+        return [FollowEnd(one.number, FollowCode(one.code), FollowReason(one.reason)) for one in ends]
 
 
 @dataclass(eq=False, repr=False)
-class Follower(StatedRepr):
+class Follower(StatedRepr, FollowerStatus):
     """References for a controller along trajectories that come, change and are cancelled while the arm moves.
 
     Parameters
@@ -124,6 +148,14 @@ class Follower(StatedRepr):
     limited : bool
         Whether goals are refused whose commands change faster, or are accelerated more, than by seven tenths of what
         the robot's drives take.
+
+    Attributes
+    ----------
+    waits, contested : bool
+        Whether a goal waits until it begins, while the one before is still followed; and whether goals have led back
+        and forth for more than a second, each before the one before has ended: they come from two sources.
+    ends : list of FollowEnd
+        Goals with numbers that ended in the last call of `start`, `cancel`, `end_all` or `step`.
 
     Raises InvalidInput: for numbers that are not positive, or joints that the robot does not have.
 
@@ -192,31 +224,43 @@ class Follower(StatedRepr):
             f"expected a whole number from 0 to 100, got {self.latency!r}",
             "controller.mode.latency",
         )
+        self.own = FollowLimits.of(self.feedforward, int(self.latency), float(self.stop_time))
         self.reset(np.asarray(self.robot.home, dtype=float))
+
+    @classmethod
+    def for_controller(
+        cls, robot: Robot, controller: Steered, latency: int, smoothing: float = 0.02
+    ) -> Follower:
+        """The follower of a controller: with its period, and with the path tolerances of its supervision.
+
+        A joint may be from its path by `following`, from which on the controller brakes, and by what the path goes on
+        until it rests: half of the braking time at the joint's speed limit, or where it has none at 2.5 rad/s or
+        0.5 m/s. So the controller brakes first; what goes astray beyond that ends the goal.
+        """
+        follower, watched = cls(robot, controller.period, smoothing, latency), controller.supervision
+        if watched is None or watched.following is None:
+            return follower
+        sizes = np.asarray(watched.following, dtype=float)
+        sizes = sizes + BRAKED * watched.braking_time * follower.jumps / follower.smoothing
+        pairs = zip(robot.joint_names, np.broadcast_to(sizes, len(robot.joint_names)).tolist())
+        paths = {name: (float(f"{size:.3g}"), 0.0) for name, size in pairs if np.isfinite(size)}
+        return replace(follower, path_tolerance=paths)
 
     # Bounds --------------------------------------------------------------------------------------------
     @property
     def ranges(self) -> np.ndarray:
         """Lower and upper ends (2, n) of the link positions, rad or m; infinite where the robot states none."""
-        ends = [(-np.inf, np.inf) if pair is None else pair for pair in self.robot.links.limits]
-        return np.array(ends, dtype=float).T
+        return ranges_of(self.robot)
 
     @property
     def speeds(self) -> Vector:
         """Largest mean speeds (n,) between two waypoints, rad/s or m/s; infinite where the robot states none."""
-        stated = self.robot.speed_limits or [None] * len(self.robot.joint_names)
-        return np.array([np.inf if limit is None else ROUNDING * limit for limit in stated])
-
-    @cached_property
-    def limits(self) -> GoalLimits:
-        """What the drives leave to goals."""
-        return GoalLimits.of(self.feedforward)
+        return ROUNDING * speeds_of(self.robot)
 
     @property
     def jumps(self) -> Vector:
         """Largest jumps (n,) that smoothing takes, rad or m."""
-        usual = np.array([JUMPS[int(slides)] for slides in self.robot.links.slides])
-        return np.where(np.isfinite(self.speeds), self.speeds * self.smoothing, usual)
+        return np.array(self.own.farthest)
 
     @cached_property
     def usual(self) -> np.ndarray:
@@ -231,175 +275,75 @@ class Follower(StatedRepr):
         return found
 
     # Goals ---------------------------------------------------------------------------------------------
-    @property
-    def waits(self) -> bool:
-        """Whether a goal waits until it begins; the one before is still followed."""
-        return self._next is not None
-
     def reset(self, position: ArrayLike) -> None:
         """Rest at link positions (n,), rad or m, without a goal."""
-        n, size = len(self.robot.joint_names), self.feedforward.weights.shape[1]
+        n = self.own.joints
         q = checked_array(
             "The pose does not fit the robot.", position, (n,), f"{n} finite numbers", "one for each joint"
         )
-        self._path = np.repeat(q[None], size, axis=0)  # the newest first
-        standing = np.vstack([q[None], np.zeros((4, n))])
-        self._motion, self._part = np.array([standing, standing]), 1.0
-        self._before = np.repeat(standing[None, :2], self.latency + 1, axis=0)  # the newest first
-        self._now = self._from = standing[:3]
-        self._goal: _Followed | None = None
-        self._next: _Followed | None = None
-        self._active, self._wait, self._speed = False, 0, 1.0
-        self._segment, self._since, self._first, self._age, self._stopped_at = 0, 0.0, 0.0, 0.0, 0.0
-        self._left = self._ended = 0
+        self._state, self._input, self._output = State(self.own), Input(self.own), Output(self.own)
+        self._options = self._stated()
+        follow_machine.stand_at(self.own, self._state, q.tolist())
 
     def check(self, goal: FollowGoal) -> FollowCode:
         """What `start` answers wherever the arm is: SUCCESSFUL, or why the goal is refused."""
-        checked = self._checked(goal)
-        return checked if isinstance(checked, FollowCode) else FollowCode.SUCCESSFUL
+        ordered = self._ordered(goal)
+        if ordered is None:
+            return FollowCode.INVALID_JOINTS
+        return FollowCode(follow_machine.check(self.own, self._stated(), ordered))
 
-    def start(self, goal: FollowGoal) -> FollowCode:
+    def start(self, goal: FollowGoal, number: int = 0) -> FollowCode:
         """Follow another goal, from the motion that there is: ACTIVE, or why it is refused; then all goes on as before.
 
-        One that begins later leaves the old goal until then, but for 3 T: so the links are in time.
+        One that begins later leaves the old goal until then, but for 3 T: so the links are in time. A goal that is
+        replaced ends when the new one is followed. `number`: By which `ends` tells of it; 0: not at all.
         """
-        checked = self._checked(goal)
-        if isinstance(checked, FollowCode):
-            return checked
-        samples = np.ceil((checked.begins - self.feedforward.delay) / self.period - 0.5)
-        if samples >= 1.0:
-            self._next, self._wait = checked, int(min(samples, MOST_COUNTED))
-            return FollowCode.ACTIVE
-        return self._begin(checked)
+        self._options, self._state.ended = self._stated(), 0
+        ordered = self._ordered(goal)
+        code = self.check(goal)
+        if ordered is None or code is not FollowCode.SUCCESSFUL:
+            return code
+        ordered.number = number
+        return FollowCode(follow_machine.start(self.own, self._state, self._options, ordered))
 
-    def cancel(self) -> None:
+    def cancel(self, number: int = 0) -> None:
         """Come to rest within `stop_time`, whatever the speed, in the direction of the motion; and hold.
 
-        A goal that waits is dropped. A stop that has begun goes on as it is.
+        A goal that waits is dropped. A stop that has begun goes on as it is. `number`: Of the goal, where only that one
+        is meant; one that waits leaves the motion as it is.
         """
-        self._next = None
-        if self._goal is not None and len(self._goal.times):
-            self._stop()
+        self._options = self._stated()
+        follow_machine.cancel_goal(self.own, self._state, self._options, number)
 
-    def _checked(self, goal: FollowGoal) -> _Followed | FollowCode:
-        """The goal in the robot's order."""
-        joints, own = list(goal.joint_names), self.robot.joint_names
-        unknown = set(joints) - set(own)
-        if not joints or unknown or len(set(joints)) < len(joints):
-            return FollowCode.INVALID_JOINTS
-        if len(joints) < len(own) and not self.partial:
-            return FollowCode.INVALID_JOINTS
-        if {*goal.path_tolerance, *goal.goal_tolerance} - set(own):
-            return FollowCode.INVALID_JOINTS
-        times = np.array(goal.times, dtype=float)  # of its own: the caller may change his
-        if not len(times):
-            return FollowCode.INVALID_GOAL
-        places = [own.index(joint) for joint in joints]
-        points = np.zeros((3, len(times), len(own)))
-        for k, rows in enumerate(goal.arrays):
-            points[k][:, places] = rows
-        moves = np.isin(np.arange(len(own)), places)
-        stated = np.zeros((2, 2, len(own)))
-        for k, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
-            for joint, pair in pairs.items():
-                stated[k, :, own.index(joint)] = pair
-        numbers = [*stated.ravel().tolist(), goal.goal_time]
-        if not self._possible(times, points[:, :, moves], moves, numbers, goal.begins):
-            return FollowCode.INVALID_GOAL
-        if goal.begins + times[-1] <= 0.0:
-            return FollowCode.OLD_HEADER_TIMESTAMP
-        path, at_goal = np.where(stated > 0.0, stated, np.where(stated < 0.0, 0.0, self.usual))
-        time = goal.goal_time
-        allowed = time if time > 0.0 else 0.0 if time < 0.0 else self.goal_time
-        followed = _Followed(times, points, goal.orders, moves, path, at_goal, allowed, goal.begins)
-        return FollowCode.INVALID_GOAL if self._is_quick(followed) else followed
+    def end_all(self, code: FollowCode, reason: FollowReason = FollowReason.BY_CODE) -> None:
+        """End every goal with a code; the motion goes on as it is."""
+        follow_machine.end_all(self._state, code, reason)
 
-    def _possible(
-        self,
-        times: Vector,
-        points: np.ndarray,
-        moves: np.ndarray,
-        tolerances: list[float],
-        begins: float,
-    ) -> bool:
-        """Whether a robot can be there: finite, in order, within its ranges and speeds, at rest at the end."""
-        low, high = self.ranges[:, moves]
-        if not (np.isfinite(times).all() and np.isfinite(points).all()):
-            return False
-        gaps, distances = np.maximum(np.diff(times), 1e-9 * self.period), np.abs(np.diff(points[0], axis=0))
-        far = (distances > self.jumps[moves]) & (
-            (gaps[:, None] < self.smoothing) | (distances > self.speeds[moves] * gaps[:, None])
-        )
-        return bool(
-            np.isfinite(begins)
-            and all(np.isfinite(value) and (value >= 0.0 or value == -1.0) for value in tolerances)
-            and times[0] >= 0.0
-            and times[-1] > 0.0
-            and (gaps >= self.period / PASSED).all()
-            and ((points[0] >= low) & (points[0] <= high)).all()
-            and not far.any()
-            and (np.abs(points[1, -1]) <= RESTING).all()
-        )
+    def _stated(self) -> Options:
+        """The options, as they are now."""
+        options, usual = Options(self.own), self.usual.tolist()
+        for one, (position, velocity) in zip((options.path, options.goal), usual):
+            one.position, one.velocity = position, velocity
+        options.goal_time, options.timeout, options.stop_time = self.goal_time, self.timeout, self.stop_time
+        options.partial, options.limited = int(self.partial), int(self.limited)
+        return options
 
-    def _is_quick(self, goal: _Followed) -> bool:
-        """Whether drives do not take the commands from the first waypoint on, with the joints that are left out at
-        home; the way to that waypoint is judged when it begins."""
-        times, points = goal.times, goal.points
-        if len(times) < 2 or not (self.limited and self.limits.limits):
-            return False
-        if times[-1] - times[0] > MOST_JUDGED * self.period:
-            return True
-        one = replace(self)
-        begin = np.where(goal.moves, points[:, 0], [np.asarray(self.robot.home), one._now[1], one._now[2]])
-        if goal.orders[0] == 1 and times[0] > 0.0:  # it has that velocity already
-            begin[1] = np.where(goal.moves, (points[0, 1] - points[0, 0]) / (times[1] - times[0]), 0.0)
-        one.reset(begin[0])
-        ages = self.period * np.arange(len(one._path))[:, None]
-        one._path, one._now = begin[0] - ages * (begin[1] - 0.5 * ages * begin[2]), begin
-        one._take(goal, 1, float(times[1] - times[0]))
-        rows = list[np.ndarray]()
-        while not (one._is_over and one._left == 0):
-            one._push(1.0)
-            rows.append(one._motion[1])
-        commands = self.robot.inverse_dynamics(*np.array(rows).transpose(1, 0, 2))[1]
-        changes = [np.diff(commands, k, axis=0) / self.period**k for k in (1, 2)]
-        return any(np.any(np.abs(change) > limit) for change, limit in zip(changes, self.limits.commands))
-
-    def _begin(self, goal: _Followed) -> FollowCode:
-        """From the motion of now to the first waypoint whose time is still to come."""
-        gone = max(0.0, -goal.begins)
-        segment = int(np.searchsorted(goal.times, gone, side="right"))
-        first = float(goal.times[segment]) - gone
-        way = np.abs(goal.points[0, segment] - self._now[0])
-        far = (way > self.jumps) & ((first < self.smoothing) | (way > self.speeds * first))
-        if np.any(far & goal.moves) or (
-            self.limited and self.limits.forbid(self._now, goal, segment, first, self.feedforward.delay)
-        ):
-            return FollowCode.INVALID_GOAL
-        self._take(goal, segment, first)
-        return FollowCode.ACTIVE
-
-    def _take(self, goal: _Followed, segment: int, first: float) -> None:
-        """Follow a goal from the motion of now to a waypoint in so many s."""
-        self._goal, self._next, self._active = goal, None, True
-        self._from, self._segment, self._since, self._first, self._age = self._now, segment, 0.0, first, 0.0
-        moving = (self._now[1:] != 0.0).any(axis=0) & ~goal.moves
-        self._stopped_at = self.stop_time if moving.any() else 0.0
-        self._left, self._ended = len(self._path), 0
-
-    def _stop(self) -> None:
-        none = np.zeros(len(self.robot.joint_names), dtype=bool)
-        points, tolerances = np.zeros((3, 0, len(none))), np.zeros((2, len(none)))
-        self._goal, self._next, self._active = (
-            _Followed(np.zeros(0), points, np.zeros(0, dtype=int), none, tolerances, tolerances, 0.0, 0.0),
-            None,
-            False,
-        )
-        share = self._speed  # the stop is in true time, which a speed of 0 does not hold up
-        self._now, self._speed = self._now * np.array([1.0, share, share * share])[:, None], 1.0
-        self._from, self._segment, self._since, self._age = self._now, 0, 0.0, 0.0
-        self._stopped_at = self.stop_time if self._now[1:].any() else 0.0
-        self._left = len(self._path)
+    def _ordered(self, goal: FollowGoal) -> Goal | None:
+        """The goal in the robot's order; none where it has other joints."""
+        rows = goal.ordered(self.robot.joint_names)
+        if rows is None:
+            return None
+        found = Goal(self.own)
+        for time, order, *numbers in zip(rows.times.tolist(), rows.orders.tolist(), *rows.points.tolist()):
+            point = Point(self.own)
+            point.time, point.order = time, order
+            point.position, point.velocity, point.acceleration = numbers
+            found.points.append(point)
+        for one, (position, velocity) in zip((found.path, found.goal), rows.tolerances.tolist()):
+            one.position, one.velocity = position, velocity
+        found.count, found.moves, found.begins = len(found.points), rows.moves.tolist(), float(goal.begins)
+        found.goal_time = float(goal.goal_time)
+        return found
 
     # Samples -------------------------------------------------------------------------------------------
     def step(
@@ -419,7 +363,8 @@ class Follower(StatedRepr):
             Fraction of its speed with which the trajectory is followed, 0 to 1: it changes smoothly, by 1 in
             `stop_time`, and at once where the path rests. What is no number counts as 0.
         path_rate : float
-            ``output.path_rate`` of the controller's last step: less than 1 where it brakes.
+            ``output.path_rate`` of the controller's last step: less than 1 where it brakes. At 0, and what is no
+            number, the path stands, and its goal ends with PATH_TOLERANCE_VIOLATED.
 
         Raises InvalidInput: for a position or velocity of another shape; what is no number there breaks a tolerance.
         """
@@ -435,148 +380,24 @@ class Follower(StatedRepr):
         path_rate: float = 1.0,
     ) -> FollowMotion:
         """As `step`, but the motion alone: the rows of many samples cost less together, by `Robot.inverse_dynamics`."""
+        own, state, sample, found = self.own, self._state, self._input, self._output
         for name, value in (("position", position), ("velocity", velocity)):
-            shape = np.shape(self._now[0])
             refuse_if(
-                value is not None and np.shape(value) != shape,
+                value is not None and np.shape(value) != (own.joints,),
                 f"The {name} does not fit the robot.",
-                f"expected the shape {shape}, got {np.shape(value) if value is not None else None}",
+                f"expected the shape {(own.joints,)}, got {np.shape(value) if value is not None else None}",
                 "one number for each joint",
             )
-        if self._next is not None:
-            self._wait -= 1
-            if self._wait <= 0 and self._begin(self._next) is FollowCode.INVALID_GOAL:
-                self._next = None
-                return self._sample(path_rate, speed, None, None, FollowCode.INVALID_GOAL)
-        return self._sample(path_rate, speed, position, velocity, None)
-
-    def _sample(
-        self,
-        path_rate: float,
-        speed: float,
-        position: ArrayLike | None,
-        velocity: ArrayLike | None,
-        result: FollowCode | None,
-    ) -> FollowMotion:
-        rate = _share(path_rate)
-        self._part += rate
-        if self._part > 1.0:
-            self._part -= 1.0
-            self._push(_share(speed))
-        motion = self._motion[0] + self._part * (self._motion[1] - self._motion[0])
-        motion = motion * rate ** np.arange(5.0)[:, None]
-        self._before = np.vstack([motion[None, :2], self._before[:-1]])
-        q, dq = self._before[-1]
-        if result is None:
-            at = q if position is None else np.asarray(position, dtype=float)
-            moves = dq if velocity is None else np.asarray(velocity, dtype=float)
-            result = self._judged(np.abs(np.array([at - q, moves - dq])))
-        return FollowMotion(motion, q.copy(), dq.copy(), result)
-
-    def _push(self, speed: float) -> None:
-        """The next sample of the path."""
-        most = self.period / self.stop_time
-        if not self._now[1:].any():
-            self._speed = speed
-        elif self._goal is not None and len(self._goal.times):
-            self._speed = min(max(speed, self._speed - most), self._speed + most)
-        self._advance(self.period * self._speed)
-        self._path = np.vstack([self._now[:1], self._path[:-1]])
-        found = np.einsum("oa,an->on", self.feedforward.weights, self._path - self._path[0])
-        found[0] += self._path[0]
-        self._motion = np.array([self._motion[1], found])
-        self._left = len(self._path) if not self._is_over else max(0, self._left - 1)
-
-    @property
-    def _is_over(self) -> bool:
-        """Whether the path is at its end, where it rests."""
-        goal = self._goal
-        return goal is None or (self._segment == len(goal.times) and self._age >= self._stopped_at)
-
-    def _advance(self, time: float) -> None:
-        """The path so much later."""
-        goal = self._goal
-        if goal is None:
-            return
-        self._since += time
-        self._age = min(self._age + time, self.stop_time)
-        while self._segment < len(goal.times) and self._since >= self._length(goal):
-            self._since -= self._length(goal)
-            self._segment += 1
-            self._first = -1.0
-        stopped = self._stopping(self._age)
-        if self._segment == len(goal.times):
-            standing = np.zeros_like(self._now)
-            standing[0] = goal.points[0, -1] if len(goal.times) else 0.0
-            self._now = np.where(goal.moves, standing, stopped)
-            return
-        begin, order = self._from, goal.orders[self._segment]
-        if self._first < 0.0:
-            begin, order = goal.points[:, self._segment - 1], min(order, goal.orders[self._segment - 1])
-        way = between(begin, goal.points[:, self._segment], self._length(goal), self._since, order)
-        self._now = np.where(goal.moves, way, stopped)
-
-    def _length(self, goal: _Followed) -> float:
-        """Time from one waypoint to the next, s."""
-        if self._first >= 0.0:
-            return self._first
-        return float(goal.times[self._segment] - goal.times[self._segment - 1])
-
-    def _stopping(self, age: float) -> np.ndarray:
-        """The motion (3, n) that comes to rest from the one at the beginning of the goal."""
-        q, dq, ddq = self._from
-        low, high = np.minimum(self.ranges[0], q), np.maximum(self.ranges[1], q)
-        time = np.full(len(q), self.stop_time)
-        end = q + time * (0.5 * dq + time * ddq / 12.0)
-        for j in np.flatnonzero(
-            (end < low) | (end > high)
-        ):  # sooner, so that the stop ends where the range does
-            bound = low[j] if end[j] < low[j] else high[j]
-            time[j] = min(self.stop_time, max(self._time_to(bound - q[j], dq[j], ddq[j]), self.smoothing))
-            end[j] = bound
-        standing = np.array([end, np.zeros_like(q), np.zeros_like(q)])
-        return np.where(age >= time, standing, between(self._from, standing, time, age, 3))
-
-    @staticmethod
-    def _time_to(way: float, velocity: float, acceleration: float) -> float:
-        """Duration of the stop, from this motion, that takes a way, s: T (v/2 + T a/12) = way."""
-        towards = 1.0 if way >= 0.0 else -1.0
-        root = np.sqrt(max(0.0, 0.25 * velocity * velocity + acceleration * way / 3.0))
-        divisor = 0.5 * towards * velocity + root
-        return 2.0 * abs(way) / divisor if divisor > 0.0 else 0.0
-
-    # Judgement -----------------------------------------------------------------------------------------
-    def _judged(self, errors: np.ndarray) -> FollowCode:
-        """What is said of differences (2, n) of position and velocity."""
-        goal = self._goal
-        if not self._active or goal is None:
-            return FollowCode.IDLE
-        if not (self._is_over and self._left == 0):
-            if _within(errors, goal.path):
-                return FollowCode.ACTIVE
-            self._stop()
-            return FollowCode.PATH_TOLERANCE_VIOLATED
-        late = self._ended * self.period
-        self._ended += 1
-        if _within(errors, goal.goal):
-            self._active = False
-            return FollowCode.SUCCESSFUL
-        if 0.0 < goal.goal_time < late or 0.0 < self.timeout < late:
-            self._active = False
-            return FollowCode.GOAL_TOLERANCE_VIOLATED
-        return FollowCode.ACTIVE
+        sample.speed, sample.path_rate, motion = float(speed), float(path_rate), zeros(5, own.joints)
+        follow_machine.sample(own, state, self._options, sample, motion, found)
+        sample.position = found.position if position is None else np.asarray(position, dtype=float).tolist()
+        sample.velocity = found.velocity if velocity is None else np.asarray(velocity, dtype=float).tolist()
+        code = follow_machine.judge(own, state, self._options, sample, found)
+        return FollowMotion(
+            np.array(motion), np.array(found.position), np.array(found.velocity), FollowCode(code)
+        )
 
 
 def _are_tolerances(pair: Sequence[float]) -> bool:
     """Whether they are two numbers from 0 on."""
     return np.shape(pair) == (2,) and bool(np.all(np.isfinite(pair)) and np.min(pair) >= 0.0)
-
-
-def _share(value: float) -> float:
-    """A number from 0 to 1; 0 for what is none."""
-    return min(max(float(value), 0.0), 1.0) if np.isfinite(value) else 0.0
-
-
-def _within(errors: np.ndarray, allowed: np.ndarray) -> bool:
-    """Whether differences are allowed; one that is no number is not, where 0 does not allow all."""
-    return bool(np.all((allowed <= 0.0) | (errors <= allowed)))

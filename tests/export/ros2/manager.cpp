@@ -28,6 +28,7 @@ struct Manager
   std::int64_t now = 100000000000;  // ns
   Action::Goal wanted;
   std::shared_ptr<rclcpp_action::ServerGoalHandle<Action>> handle;  // of the last goal that was accepted
+  std::vector<std::shared_ptr<rclcpp_action::ServerGoalHandle<Action>>> handles;
 };
 
 builtin_interfaces::msg::Duration duration(double seconds)
@@ -238,12 +239,27 @@ int send_goal(Manager * manager)
     return 0;
   }
   manager->handle = std::make_shared<rclcpp_action::ServerGoalHandle<Action>>(goal);
+  manager->handles.push_back(manager->handle);
   server_of(*manager).on_accepted(manager->handle);
   return 1;
 }
 void * goal_handle(Manager * manager) { return manager->handle.get(); }
+// Ask from now on after an earlier goal.
+void look_at(Manager * manager, void * handle)
+{
+  for (const auto & one : manager->handles) {
+    manager->handle = (one.get() == handle) ? one : manager->handle;
+  }
+}
+int cancel_nothing(Manager * manager)
+{
+  server_of(*manager).on_ready(1, static_cast<int>(rclcpp_action::ServerBase::EntityType::CancelService));
+  return 0;
+}
+// Of the last goal; a cancel that meets no goal calls nothing.
 int cancel_goal(Manager * manager)
 {
+  cancel_nothing(manager);
   if (server_of(*manager).on_cancel(manager->handle) != rclcpp_action::CancelResponse::ACCEPT) {
     return 0;
   }

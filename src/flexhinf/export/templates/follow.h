@@ -19,7 +19,9 @@ extern "C" {
 
 enum {
     @{NAME}_FOLLOW_JOINTS = @{count},
-    @{NAME}_FOLLOW_SAMPLES = @{size} /* of the path, which are smoothed */
+    @{NAME}_FOLLOW_SAMPLES = @{size}, /* of the path, which are smoothed */
+    @{NAME}_FOLLOW_DELAYED = @{latency + 1},
+    @{NAME}_FOLLOW_ENDS = @{ends} /* goals that end in one call, at most */
 };
 
 /* How a goal ends, or why it is refused: the numbers of control_msgs/FollowJointTrajectory. */
@@ -34,63 +36,21 @@ enum {
     @{NAME}_FOLLOW_IDLE = 2    /* there is none: the last pose is held */
 };
 
-typedef struct {
-    @{name}_real time; /* from the beginning of the trajectory */
-    @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS], acceleration[@{NAME}_FOLLOW_JOINTS];
-    int order; /* 1: positions alone; 2: velocities too; 3: accelerations too */
-} @{name}_follow_point;
+/* Why, beside the code: another goal has replaced it; it was cancelled; the controller has braked its path; or it waited,
+ * and the goal before it was cancelled or left its path. */
+enum {
+    @{NAME}_FOLLOW_BY_CODE = 0,
+    @{NAME}_FOLLOW_REPLACED = 1,
+    @{NAME}_FOLLOW_CANCELLED = 2,
+    @{NAME}_FOLLOW_BRAKED = 3,
+    @{NAME}_FOLLOW_DROPPED = 4
+};
 
-/* Of a goal: 0 is what the options have, -1 is any difference. Of the options: 0 is any difference. */
-typedef struct {
-    @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS];
-} @{name}_follow_tolerance;
+{% for record in records %}
+@{record}
 
-typedef struct {
-    const @{name}_follow_point *points; /* they must stay where they are until another goal is followed */
-    int count;
-    int moves[@{NAME}_FOLLOW_JOINTS]; /* 0: a joint that the goal leaves out; its numbers are not read */
-    @{name}_real begins;              /* from now until the trajectory begins; below 0: since then */
-    @{name}_follow_tolerance path, goal;
-    @{name}_real goal_time; /* after the end of the path, in which the goal must be reached; 0 and -1 as above */
-} @{name}_follow_goal;
-
-typedef struct {
-    @{name}_follow_tolerance path, goal;
-    @{name}_real goal_time; /* 0: any */
-    @{name}_real timeout;   /* after the end of a path, after which its goal is given up; 0: none */
-    @{name}_real stop_time; /* in which joints come to rest after a cancelled goal, or that a goal leaves out */
-    int partial;            /* whether a goal may leave joints out */
-{% if limited %}
-    int limited;            /* whether a goal that is too quick for the drives is refused */
-{% endif %}
-} @{name}_follow_options;
-
+{% endfor %}
 extern const @{name}_follow_options @{name}_follow_defaults;
-
-typedef struct {
-    @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS]; /* as output.estimate of the last step */
-    @{name}_real speed;     /* fraction of its speed with which a trajectory is followed, 0 to 1; at once at rest */
-    @{name}_real path_rate; /* output.path_rate of the last @{name}_step; 1 before it */
-} @{name}_follow_input;
-
-typedef struct {
-    @{name}_real r[@{NAME}_COMMANDS];
-    @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS]; /* where the links are to be now */
-    int waits;  /* whether a goal waits until it begins; the one before is still followed */
-    int result; /* @{NAME}_FOLLOW_ACTIVE, _IDLE, or in one sample how the goal ended */
-} @{name}_follow_output;
-
-/* What is remembered between samples. Its parts are not for the caller. */
-typedef struct {
-    @{name}_real path[@{NAME}_FOLLOW_SAMPLES][@{NAME}_FOLLOW_JOINTS];
-    @{name}_real motion[2][5][@{NAME}_FOLLOW_JOINTS], part;
-    @{name}_real before[@{latency + 1}][2][@{NAME}_FOLLOW_JOINTS];
-    @{name}_real now[3][@{NAME}_FOLLOW_JOINTS], from[3][@{NAME}_FOLLOW_JOINTS];
-    @{name}_real speed, since, first, age, stop_time, stopped_at;
-    @{name}_follow_goal goal, next;
-    long wait, ended; /* samples */
-    int newest, has_next, active, segment, left;
-} @{name}_follow_state;
 
 /* Pointers lead to objects of the caller. None is checked, and none may be null but the points of a goal without any.
  *
@@ -100,7 +60,8 @@ int @{name}_follow_init(@{name}_follow_state *state, const @{name}_real *q);
 
 /* Whether a goal may be followed: @{NAME}_FOLLOW_SUCCESSFUL, or why not. Its time grows with the waypoints, so call it
  * outside of the loop. Refused are: no waypoint; times that do not increase, or are nearer than a period / @{passed}; numbers
- * that are not finite; a place outside of the joint's range; a jump, or a way that is faster than the joint's speed limit;
+ * that are not finite; a joint that leaves its range at a waypoint or between two of them, or is faster there than its
+ * speed limit, but for a jump of what that moves in @{smoothing} s;
 {% if limited %}
  * commands that change faster, or are accelerated more, than by @{share} of what the drives take;
 {% endif %}
@@ -109,22 +70,32 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
 
 /* Follow a checked goal, from the motion that there is to the first waypoint whose time is still to come. Where it begins
  * later, the goal before it goes on until then, but for @{delay} s: so the links are in time. Returns @{NAME}_FOLLOW_ACTIVE;
- * or @{NAME}_FOLLOW_INVALID_GOAL where that would be a jump@{", or too quick for a drive" if limited}: then all goes on as before. */
+ * or @{NAME}_FOLLOW_INVALID_GOAL where a joint would leave its range or its speed limit on the way there@{", or hurry its drive" if limited}:
+ * then all goes on as before. A goal that is replaced ends when the new one is followed. */
 int @{name}_follow_start(@{name}_follow_state *state, const @{name}_follow_options *options,
                         const @{name}_follow_goal *goal);
 
 /* Come to rest within options->stop_time, whatever the speed, in the direction of the motion, and hold; sooner where a
- * joint's range ends. A goal that waits is dropped. A stop that has begun goes on as it is. */
+ * joint's range ends. A goal that waits is dropped. A stop that has begun goes on as it is. Of a goal with a number that
+ * one alone may be cancelled: nothing happens where it is over, and where it waits it is dropped. */
 void @{name}_follow_cancel(@{name}_follow_state *state, const @{name}_follow_options *options);
+void @{name}_follow_cancel_goal(@{name}_follow_state *state, const @{name}_follow_options *options, long number);
+
+/* End every goal with a code and a reason; the motion goes on as it is, until another goal, a cancel or an init. */
+void @{name}_follow_end_all(@{name}_follow_state *state, int code, int reason);
 
 /* One sample, before @{name}_step. Returns output->result. */
 int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_param *param,
                        const @{name}_follow_input *input, @{name}_follow_output *output);
 
-/* Whether a row that comes from elsewhere can be: finite; no joint jumps from the row before by more than smoothing would
- * take; and no spring is twisted, beyond its twist at rest, by more than the largest input can. Returns @{NAME}_OK or
- * @{NAME}_BAD_COMMAND. */
+/* Whether a row that comes from elsewhere can be: finite; no joint out of its range, faster than its speed limit, or
+ * jumping from the row a period before by more than smoothing would take; and no spring twisted, beyond its twist at
+ * rest, by more than the largest input can. Returns @{NAME}_OK or @{NAME}_BAD_COMMAND. */
 int @{name}_follow_row(const @{name}_param *param, const @{name}_real *before, const @{name}_real *r);
+
+/* As @{name}_follow_row, for rows that come one behind another, so many periods later: their jumps together are no more
+ * than smoothing would take, beside the speed limit. spent has a number for each joint, 0 at first, and keeps that. */
+int @{name}_follow_stream(const @{name}_param *param, @{name}_real *spent, long periods, const @{name}_real *before, const @{name}_real *r);
 
 #ifdef __cplusplus
 }

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 typedef @{name}_real real;
 
@@ -20,20 +21,20 @@ typedef struct {
     real goal_time;
 } goal_row;
 
-/* Before a step: nothing, a goal, a cancel, or another pose; and what holds from it on: speed, path rate, and how far
- * what is measured is from where the links were to be. */
-enum { NOTHING, GOAL, CANCEL, POSE };
+/* Before a step: nothing, a goal, a cancel, another pose, or the end of every goal; and what holds from it on: speed,
+ * path rate, and how far what is measured is from where the links were to be. */
+enum { NOTHING, GOAL, CANCEL, POSE, END };
 typedef struct {
-    int step, kind, goal, answer;
+    int step, kind, goal, number, answer;
     real rates[2], away[2][JOINTS], pose[JOINTS];
 } event_row;
 
 static const @{name}_follow_options usual = {
-    @{pair(usual[0])}, @{pair(usual[1])}, @{number(goal_time)}, @{number(timeout)}, @{number(stop_time)}, @{partial}@{", 1" if limited}
+    @{pair(usual[0])}, @{pair(usual[1])}, @{number(goal_time)}, @{number(timeout)}, @{number(stop_time)}, @{partial}, 1
 };
 static const @{name}_follow_options options = {
     @{pair(options.usual[0])}, @{pair(options.usual[1])}, @{number(options.goal_time)}, @{number(options.timeout)},
-    @{number(options.stop_time)}, @{options.partial | int}@{", 0" if limited}
+    @{number(options.stop_time)}, @{options.partial | int}, 0
 };
 static const @{name}_follow_point points[@{points | length}] = {
 {% for time, q, dq, ddq, order in points %}
@@ -53,8 +54,13 @@ static const int checks[@{checks | length}][3] = {
 };
 static const event_row events[@{events | length}] = {
 {% for one in events %}
-    {@{one.step}, @{one.kind}, @{one.goal}, @{one.answer}, @{listed(one.rates)}, @{pair(one.away)}, @{listed(one.pose)}}@{"," if not loop.last}
+    {@{one.step}, @{one.kind}, @{one.goal}, @{one.number}, @{one.answer}, @{listed(one.rates)}, @{pair(one.away)}, @{listed(one.pose)}}@{"," if not loop.last}
 {% endfor %}
+};
+
+/* In which step, or before it, which goal ended with which code, and why. */
+static const int ended[@{ended | length}][4] = {
+@{integers(ended)}
 };
 
 /* From which step on a step returns what, and whether a goal waits. */
@@ -69,7 +75,9 @@ static const real expected[(STEPS + EVERY - 1) / EVERY][COLUMNS] = {
 static const real sizes[COLUMNS] = {@{row(sizes)}};
 static const real home[JOINTS] = {@{row(home)}};
 
-/* What no row may exceed: jumps, and twists of springs; 0 is any. */
+/* What no row may exceed: ranges, 0 is any; speeds, jumps, and twists of springs, 0 is any. */
+static const real ends[2][JOINTS] = {{@{row(lows)}}, {@{row(highs)}}};
+static const real peaks[JOINTS] = {@{row(peaks)}};
 static const real jumps[JOINTS] = {@{row(jumps)}};
 static const real twists[JOINTS] = @{"{" | safe}{% for x in twists %}@{number(0.0 if x == infinity else x)}@{", " if not loop.last}{% endfor %}};
 static const int motors[JOINTS] = {@{motors | join(", ")}};
@@ -120,12 +128,9 @@ static void refused(void)
         pose[j] = home[j];
     }
     expect(same(own->goal_time, usual.goal_time) && same(own->timeout, usual.timeout));
-    expect(same(own->stop_time, usual.stop_time) && own->partial == usual.partial);
+    expect(same(own->stop_time, usual.stop_time) && own->partial == usual.partial && own->limited == usual.limited);
     plain.partial = 0;
-{% if limited %}
-    expect(own->limited == 1);
     plain.limited = 1;
-{% endif %}
     for (int k = 0; k < @{checks | length}; ++k) {
         const @{name}_follow_goal one = goal_of(checks[k][0]);
         expect(@{name}_follow_check(&options, &one) == checks[k][1]);
@@ -152,7 +157,7 @@ static void refused(void)
 static void begin(const real *pose)
 {
     expect(@{name}_follow_init(&state, pose) == @{NAME}_OK);
-    expect(same(state.age, state.stop_time) && same(state.stop_time, @{name}_follow_defaults.stop_time));
+    expect(state.stops == 1 && same(state.age, state.stop_time) && same(state.stop_time, @{name}_follow_defaults.stop_time));
     for (int j = 0; j < JOINTS; ++j) {
         output.position[j] = pose[j];
         output.velocity[j] = 0;
@@ -173,7 +178,10 @@ static void mixed(void)
         }
         way[1].time = way[0].time + ((real)(2 * @{NAME}_FOLLOW_SAMPLES) * @{NAME}_PERIOD);
         for (int j = 0; j < JOINTS; ++j) {
-            way[1].velocity[j] = 0;
+            way[0].velocity[j] = (way[0].order > 1) ? way[0].velocity[j] : (real)NAN; /* not stated: not read */
+            way[0].acceleration[j] = (way[0].order > 2) ? way[0].acceleration[j] : (real)NAN;
+            way[1].acceleration[j] = (way[1].order > 2) ? way[1].acceleration[j] : (real)NAN;
+            way[1].velocity[j] = (way[1].order > 1) ? 0 : (real)NAN;
             goal.path.position[j] = -1; /* any difference */
         }
         goal.points = way;
@@ -181,6 +189,7 @@ static void mixed(void)
         begin(home);
         input.speed = 1;
         input.path_rate = 1;
+        expect(@{name}_follow_check(&options, &goal) == @{NAME}_FOLLOW_SUCCESSFUL);
         expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_ACTIVE);
         for (int step = 0; ((real)step * @{NAME}_PERIOD) < way[1].time; ++step) {
             (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
@@ -195,9 +204,10 @@ static void far_away(void)
 {
     real pose[JOINTS], rest[@{NAME}_COMMANDS];
     @{name}_follow_goal goal = goal_of(0);
-    for (int k = -12; k <= 13; ++k) { /* every quarter of some turns, and far away */
+    for (int k = -12; k <= 32; ++k) { /* every quarter of some turns, of many, and of more than are counted in float */
         for (int j = 0; j < JOINTS; ++j) {
-            pose[j] = (k == 13) ? @{far} : (real)k * (@{number(0.9)} + (@{number(0.1)} * (real)j));
+            const real turns = (k < 13) ? (real)k : ((k < 24) ? @{number(797.0)} * (real)(k - 12) : @{far} * ((real)k / 26));
+            pose[j] = turns * (@{number(0.9)} + (@{number(0.1)} * (real)j));
         }
         begin(pose);
         input.speed = 1;
@@ -205,7 +215,7 @@ static void far_away(void)
         expect(@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output) == @{NAME}_FOLLOW_IDLE);
         expect(@{name}_rest(&@{name}_defaults, pose, rest) == @{NAME}_OK);
         for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
-            expect(fabs@{f}(output.r[i] - rest[i]) <= @{number(close)} * (1 + fabs@{f}(rest[i])));
+            expect(fabs@{f}(output.r[i] - rest[i]) <= (64 * @{number(precision.eps)}) * (1 + fabs@{f}(rest[i])));
         }
     }
     begin(goal.points[goal.count - 1].position);
@@ -215,6 +225,38 @@ static void far_away(void)
     expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_ACTIVE);
     (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
     expect(output.waits == 1 && output.result == @{NAME}_FOLLOW_IDLE);
+}
+
+/* What is told of a jump of one sample: the B-spline of degree 5 at the age of that sample, and its derivatives, each as
+ * exactly as truncated powers are summed. */
+static void impulse(void)
+{
+    static const real choices[3] = {1, -6, 15};
+    const int half = @{NAME}_FOLLOW_SAMPLES / 2;
+    const real knot = @{number(smoothing_time)}, count = (real)half / 3, jump = @{number(0.5)} * jumps[JOINTS - 1];
+    real pose[JOINTS] = {0};
+    begin(pose);
+    for (int step = 0; step <= @{NAME}_FOLLOW_SAMPLES; ++step) {
+        const real near = (real)((step < half) ? step : (2 * half) - step) / count;
+        real scale = jump / count, sign = 1;
+        state.begun[0][JOINTS - 1] = (step == 0) ? jump : 0;
+        (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
+        for (int k = 0; k < 5; ++k) {
+            real sum = 0, size = 0;
+            for (int i = 0; i < 3 && near > (real)i; ++i) { /* the nearer half, mirrored */
+                real power = choices[i] * scale;
+                for (int m = 1; m <= 5 - k; ++m) {
+                    power *= (near - (real)i) / (real)m;
+                }
+                sum += power;
+                size += fabs@{f}(power);
+            }
+            sum *= (step < half) ? 1 : sign;
+            expect(step == 0 || fabs@{f}(state.motion[1][k][JOINTS - 1] - sum) <= (1000 * @{number(precision.eps)}) * size);
+            scale /= knot;
+            sign = -sign;
+        }
+    }
 }
 
 static int taken(const real *before, const real *r)
@@ -246,6 +288,26 @@ static void rows(void)
         }
     }
     expect(@{name}_rest(&@{name}_defaults, pose, r) == @{NAME}_OK);
+    for (int j = 0; j < JOINTS; ++j) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            const real end = ends[(sign < 0) ? 0 : 1][j];
+            r[JOINTS + j] = (real)sign * @{number(0.98)} * peaks[j];
+            expect(taken(before, r) != 0);
+            r[JOINTS + j] = (real)sign * @{number(1.02)} * peaks[j];
+            expect(taken(before, r) != @{paced | int});
+            r[JOINTS + j] = 0;
+            if (end < 0 || end > 0) { /* out of the range, and back */
+                real outside[@{NAME}_COMMANDS], edge[@{NAME}_COMMANDS];
+                pose[j] = end;
+                expect(@{name}_rest(&@{name}_defaults, pose, edge) == @{NAME}_OK);
+                pose[j] = end + ((real)sign * @{number(0.2)} * jumps[j]);
+                expect(@{name}_rest(&@{name}_defaults, pose, outside) == @{NAME}_OK);
+                expect(taken(edge, edge) != 0 && taken(edge, outside) == 0);
+                expect(taken(outside, outside) != 0 && taken(outside, edge) != 0);
+                pose[j] = home[j];
+            }
+        }
+    }
     for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
         const real whole = r[i];
         r[i] = (real)NAN;
@@ -254,24 +316,140 @@ static void rows(void)
     }
 }
 
-static void happen(const event_row *event)
+/* Rows behind one another: to and fro by seven tenths of a jump, at once and later. */
+static void streams(void)
+{
+    real pose[JOINTS], near[@{NAME}_COMMANDS], far[@{NAME}_COMMANDS], spent[JOINTS] = {0};
+    const long later = (long)(@{number(smoothing_time)} / @{NAME}_PERIOD) + 1;
+    for (int j = 0; j < JOINTS; ++j) {
+        pose[j] = home[j];
+    }
+    expect(@{name}_rest(&@{name}_defaults, pose, near) == @{NAME}_OK);
+    pose[JOINTS - 1] += @{number(0.7)} * jumps[JOINTS - 1];
+    expect(@{name}_rest(&@{name}_defaults, pose, far) == @{NAME}_OK);
+    expect(@{name}_follow_stream(&@{name}_defaults, spent, 1, near, far) == @{NAME}_OK);
+{% if paced %}
+    expect(@{name}_follow_stream(&@{name}_defaults, spent, 1, far, near) == @{NAME}_BAD_COMMAND);
+    expect(spent[JOINTS - 1] > @{number(0.3)} * jumps[JOINTS - 1] && spent[JOINTS - 1] < @{number(0.7)} * jumps[JOINTS - 1]);
+    expect(@{name}_follow_stream(&@{name}_defaults, spent, later, far, near) == @{NAME}_OK);
+    expect(spent[JOINTS - 1] < @{number(0.3)} * jumps[JOINTS - 1]);
+{% else %}
+    expect(@{name}_follow_stream(&@{name}_defaults, spent, later, far, near) == @{NAME}_OK);
+    expect(same(spent[0], 0) && same(spent[JOINTS - 1], 0));
+{% endif %}
+}
+
+/* The joint that goals lead to and fro. */
+static int led;
+
+/* Steps of a goal to home and some jumps from there, with whether goals were contested in each; 0: no other goal. */
+static void lead(real jumps_away, long steps, long *since)
+{
+    static @{name}_follow_point point;
+    @{name}_follow_goal goal = {0};
+    point.order = 1;
+    point.time = @{number(20.0)};
+    for (int j = 0; j < JOINTS; ++j) {
+        point.position[j] = (j == led) ? home[j] + (jumps_away * jumps[j]) : (real)NAN;
+        goal.moves[j] = (j == led) ? 1 : 0;
+    }
+    goal.points = &point;
+    goal.count = 1;
+    if (since[1] >= 0) {
+        expect(@{name}_follow_start(&state, &options, &goal) == @{NAME}_FOLLOW_ACTIVE);
+    }
+    for (long step = 0; step < steps; ++step) {
+        const real age = (real)since[0] * @{NAME}_PERIOD, calm = (real)labs(since[1]) * @{NAME}_PERIOD;
+        for (int j = 0; j < JOINTS; ++j) {
+            input.position[j] = output.position[j];
+            input.velocity[j] = output.velocity[j];
+        }
+        (void)@{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
+        if (fabs@{f}(age - 1) > 2 * @{NAME}_PERIOD && fabs@{f}(calm - @{number(0.5)}) > 2 * @{NAME}_PERIOD) {
+            expect(output.contested == ((age > 1 && calm < @{number(0.5)}) ? 1 : 0));
+        }
+        since[0] += (since[0] > 0) ? 1 : 0;
+        since[1] += (since[1] < 0) ? -1 : 1;
+    }
+}
+
+/* Goals that lead to and fro are contested after a second, and no more half a second after the last one; goals that lead
+ * on, or to and fro by less than a jump, are not, nor is one behind another. */
+static void contest(void)
+{
+    const long every = (long)(@{number(0.15)} / @{NAME}_PERIOD) + 1;
+    long since[2] = {0, 0}; /* samples since the first goal that led back, 0: none did; and since the last, below 0: none comes */
+    begin(home);
+    input.speed = 1;
+    input.path_rate = 1;
+    for (int k = 0; k < 10; ++k) {
+        since[0] = (k == 2) ? 1 : since[0];
+        since[1] = 0;
+        lead((k % 2 == 0) ? @{number(1.2)} : 0, every, since);
+    }
+    since[1] = -every - 1;
+    lead(0, 12 * every, since);
+    since[0] = 0;
+    since[1] = 0;
+    for (int k = 0; k < 10; ++k) {
+        lead((k % 2 == 0) ? @{number(0.9)} : 0, every, since);
+    }
+    for (int k = 0; k < 10; ++k) {
+        lead(@{number(0.2)} * (real)k, every, since);
+    }
+    lead(@{number(0.3)}, 1, since); /* one that waits, without a number: both are over at a cancel */
+    state.goal.number = 0;
+    state.next = state.goal;
+    state.has_next = 1;
+    @{name}_follow_cancel(&state, &options);
+    expect(state.stops == 1 && state.has_next == 0 && state.ended == 0);
+    for (int k = 0; k < 10; ++k) { /* each is over before the next one comes */
+        @{name}_follow_cancel(&state, &options);
+        lead((k % 2 == 0) ? @{number(1.2)} : 0, every, since);
+    }
+}
+
+/* Goals that ended in the last call, each when and as it should. */
+static void tell(int step)
+{
+    static int told = 0;
+    for (int i = 0; i < state.ended; ++i) {
+        const int *const row = ended[told];
+        expect(told < @{ended | length});
+        if (told < @{ended | length}) {
+            expect(row[0] == step && row[1] == (int)state.ends[i].number);
+            expect(row[2] == state.ends[i].code && row[3] == state.ends[i].reason);
+            told += 1;
+        }
+    }
+    expect(step < STEPS - 1 || told == @{ended | length});
+}
+
+static void happen(const event_row *event, int step)
 {
     if (event->kind == GOAL) {
-        const @{name}_follow_goal goal = goal_of(event->goal);
+        @{name}_follow_goal goal = goal_of(event->goal);
         int code = @{name}_follow_check(&options, &goal);
+        goal.number = event->number;
+        state.ended = 0;
         if (code == @{NAME}_FOLLOW_SUCCESSFUL) {
             code = @{name}_follow_start(&state, &options, &goal);
         }
         expect(code == event->answer);
+    } else if (event->kind == CANCEL && event->number > 0) {
+        @{name}_follow_cancel_goal(&state, &options, event->number);
     } else if (event->kind == CANCEL) {
         @{name}_follow_cancel(&state, &options);
-        expect(state.segment == 0 && state.goal.count == 0 && state.goal.points == NULL);
-        expect(state.active == 0 && state.has_next == 0);
+        expect(state.stops == 1 && state.active == 0 && state.has_next == 0);
     } else if (event->kind == POSE) {
         begin(event->pose);
+    } else if (event->kind == END) {
+        @{name}_follow_end_all(&state, event->number, @{NAME}_FOLLOW_DROPPED);
+        expect(state.active == 0 && state.has_next == 0);
     } else {
-        /* rates and errors alone */
+        state.ended = 0; /* rates and errors alone */
     }
+    tell(step);
 }
 
 static void compare(int step)
@@ -292,13 +470,18 @@ int main(void)
     refused();
     mixed();
     far_away();
+    impulse();
     rows();
+    streams();
+    contest();
+    led = JOINTS - 1;
+    contest();
     begin(home);
     for (int step = 0; step < STEPS; ++step) {
         int code;
         for (; event < @{events | length} && events[event].step <= step; ++event) {
             now = &events[event];
-            happen(now);
+            happen(now, step);
         }
         for (int j = 0; j < JOINTS; ++j) {
             input.position[j] = output.position[j] + now->away[0][j];
@@ -309,6 +492,7 @@ int main(void)
         code = @{name}_follow_step(&state, &options, &@{name}_defaults, &input, &output);
         said += (said + 1 < @{says | length} && says[said + 1][0] <= step) ? 1 : 0;
         expect(code == says[said][1] && output.result == code && output.waits == says[said][2]);
+        tell(step);
         compare(step);
     }
     passed = (wrong == 0) ? 1 : 0;

@@ -282,8 +282,10 @@ CallbackReturn Controller::on_init()
     auto_declare<std::string>("speed_scaling_interface", "");
     auto_declare<double>("constraints.goal_time", 0.0);
     auto_declare<double>("constraints.stopped_velocity_tolerance", 0.01);
-    for (const char * joint : Trajectories::JOINTS) {
-      auto_declare<double>(std::string("constraints.") + joint + ".trajectory", 0.0);
+    for (const auto & joint : Trajectories::JOINTS) {
+      const auto j = static_cast<std::size_t>(&joint - Trajectories::JOINTS.data());
+      const auto path = static_cast<double>(@{name}_follow_defaults.path.position[j]);
+      auto_declare<double>(std::string("constraints.") + joint + ".trajectory", path);
       auto_declare<double>(std::string("constraints.") + joint + ".goal", 0.0);
     }
 {% endif %}
@@ -560,6 +562,8 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
   tell_path_rate(1.0);
 {% endif %}
 {% if follows %}
+  spent_.fill(0);
+  begun_at_ = 0;
   trajectories_.activate(input_.r, !is_in_chained_mode());
 {% endif %}
   remember();
@@ -595,7 +599,7 @@ void Controller::receive(const Command & message)
   path->numbers.assign(data.begin(), data.end());
 {% if follows %}
   if (!is_possible(*path, path->numbers.data())) {
-    RCLCPP_WARN(get_node()->get_logger(), "a command is ignored: a row jumps, or twists a spring beyond what motors can");
+    RCLCPP_WARN(get_node()->get_logger(), "a command is ignored: a row jumps, leaves a range or a speed limit, or twists a spring beyond what motors can");
     return;
   }
 {% endif %}
@@ -614,9 +618,10 @@ void Controller::receive(const Command & message)
 // Whether each row can be behind the one before it.
 bool Controller::is_possible(const Path & path, const @{name}_real * before) const
 {
+  std::array<@{name}_real, @{NAME}_FOLLOW_JOINTS> spent{};
   for (std::size_t row = 0; row < path.rows; ++row) {
     const @{name}_real * now = path.numbers.data() + row * ROW;
-    if (@{name}_follow_row(&param_, before, now) != @{NAME}_OK) {
+    if (@{name}_follow_stream(&param_, spent.data(), 1, before, now) != @{NAME}_OK) {
       return false;
     }
     before = now;
@@ -637,9 +642,11 @@ void Controller::follow(const rclcpp::Time & time)
   if (path != nullptr && path->number > playing_) {
     playing_ = path->number;
 {% if follows %}
-    if (@{name}_follow_row(&param_, input_.r, path->numbers.data()) != @{NAME}_OK) {
+    const long periods = static_cast<long>(samples_ - begun_at_);
+    if (@{name}_follow_stream(&param_, spent_.data(), periods, input_.r, path->numbers.data()) != @{NAME}_OK) {
       refused_commands_ += 1;  // its first row would be a jump: what there is goes on
     } else {
+      begun_at_ = samples_;
       trajectories_.leave(path->numbers.data());
       begin(path);
     }
@@ -875,7 +882,8 @@ bool Controller::publish(const rclcpp::Time & time)
   const std::array<double, @{health | length}> health = {
     static_cast<double>(code_), static_cast<double>(output_.status), static_cast<double>(output_.path_rate),
     static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_),
-    static_cast<double>(refused_commands_){% for number in health[7:] %},
+    static_cast<double>(refused_commands_),
+    {% if follows %}static_cast<double>(trajectories_.is_contested()){% else %}0.0{% endif %}{% for number in health[8:] %},
     @{number.value}{% endfor %}};
   report_.header.stamp = time;
   fill(0, health);

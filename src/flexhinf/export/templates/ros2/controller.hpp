@@ -159,6 +159,8 @@ private:
 
 {% if follows %}
   Trajectories trajectories_;
+  std::array<@{name}_real, @{NAME}_FOLLOW_JOINTS> spent_{};  // of jumps, by commands; and when the last one began
+  std::int64_t begun_at_ = 0;
   Signal speed_;  // of trajectories; without an interface it is 1
 
 {% endif %}

@@ -11,6 +11,8 @@ namespace @{package}
 namespace
 {
 constexpr double SECOND = 1e-9;
+constexpr const char * INACTIVE = "the controller is not active, or another one commands it";
+constexpr const char * TOO_MANY = "the loop has not read so many goals before";
 
 double seconds(const builtin_interfaces::msg::Duration & time)
 {
@@ -22,21 +24,23 @@ std::int64_t nanoseconds(const builtin_interfaces::msg::Time & stamp)
   return static_cast<std::int64_t>(stamp.sec) * 1000000000 + static_cast<std::int64_t>(stamp.nanosec);
 }
 
-const char * text_of(int code)
+const char * text_of(int code, int reason = @{NAME}_FOLLOW_BY_CODE)
 {
-  switch (code) {
-    case @{NAME}_FOLLOW_SUCCESSFUL:
-      return "the goal is reached";
-    case @{NAME}_FOLLOW_INVALID_JOINTS:
-      return "the joints are not those of the controller, each once";
-    case @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP:
-      return "the trajectory is over";
-    case @{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED:
-      return "a joint is farther from the path than its tolerance";
-    case @{NAME}_FOLLOW_GOAL_TOLERANCE_VIOLATED:
-      return "a joint did not reach the goal in time";
+  switch (reason) {
+{% for reason, text in reasons %}
+    case @{NAME}_FOLLOW_@{reason}:
+      return @{text | quoted};
+{% endfor %}
     default:
-      return "expected waypoints that increase in time, finite, within the joints' ranges and speeds and what drives take, at rest at the end";
+      break;
+  }
+  switch (code) {
+{% for code, text in texts %}
+    case @{NAME}_FOLLOW_@{code}:
+      return @{text | quoted};
+{% endfor %}
+    default:
+      return "";
   }
 }
 
@@ -99,17 +103,25 @@ bool Trajectories::configure(const std::shared_ptr<Node> & node)
     node->get_node_base_interface(), node->get_node_clock_interface(), node->get_node_logging_interface(),
     node->get_node_waitables_interface(), std::string(node->get_name()) + "/follow_joint_trajectory",
     [this](const rclcpp_action::GoalUUID &, std::shared_ptr<const Action::Goal> wanted) { return consider(*wanted); },
-    [this](const std::shared_ptr<Handle>) { return cancel(); },
+    [this](const std::shared_ptr<Handle> handle) { return cancel(*handle); },
     [this](const std::shared_ptr<Handle> handle) { begin(handle); });
+  // A cancel that meets no goal calls none of these: that one came is told here, before it is looked at.
+  server_->set_on_ready_callback([this](std::size_t, int entity) {
+    if (entity == static_cast<int>(rclcpp_action::ServerBase::EntityType::CancelService)) {
+      cancelled_.store(accepted_.load());
+    }
+  });
   timer_ = node->create_wall_timer(std::chrono::milliseconds(50), [this]() { monitor(); });
   return true;
 }
 
 void Trajectories::activate(const @{name}_real * q, bool accepts)
 {
+  Request older;
+  while (requests_.pop(older)) {
+  }
   (void)@{name}_follow_init(&state_, q);
-  started_ = pending_ = given_.load();  // older goals are over
-  is_used_ = is_cancelled_ = false;
+  is_used_ = false;
   is_active_.store(accepts);
   std::copy(q, q + JOINTS.size(), std::begin(wanted_.position));
 }
@@ -225,37 +237,42 @@ int Trajectories::accept(
   return code;
 }
 
-void Trajectories::hand_over(const std::shared_ptr<Goal> & goal)
+// The number of a goal that the loop will read; 0 where it has not read so many before.
+long Trajectories::hand_over(const std::shared_ptr<Goal> & goal, bool is_of_action)
 {
-  const std::uint64_t in_use = in_use_.load();
+  const long in_use = in_use_.load(), number = accepted_.load() / 2 * 2 + 2 + (is_of_action ? 1 : 0);
   kept_.erase(
     std::remove_if(
-      kept_.begin(), kept_.end(), [in_use](const std::shared_ptr<Goal> & one) { return one->number < in_use; }),
+      kept_.begin(), kept_.end(),
+      [in_use](const std::shared_ptr<Goal> & one) { return one->goal.number < in_use; }),
     kept_.end());
-  goal->number = ++accepted_;
+  goal->goal.number = number;
+  if (!requests_.push({goal.get(), 0})) {
+    return 0;
+  }
   kept_.push_back(goal);
-  goals_.writeFromNonRT(goal);
-  given_.store(goal->number);
+  accepted_.store(number);
+  return number;
 }
 
 void Trajectories::receive(const Message & trajectory)
 {
   std::shared_ptr<Goal> goal;
-  std::string why = "the controller is not active, or another one commands it";
-  const int code = is_active_.load() ? accept(trajectory, nullptr, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
+  std::string why = INACTIVE;
+  int code = is_active_.load() ? accept(trajectory, nullptr, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
+  if (code == @{NAME}_FOLLOW_SUCCESSFUL && hand_over(goal, false) == 0) {
+    code = @{NAME}_FOLLOW_INVALID_GOAL;
+    why = TOO_MANY;
+  }
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
     RCLCPP_WARN(node_->get_logger(), "a trajectory is ignored (%d): %s", code, why.c_str());
-    return;
   }
-  monitor();
-  finish(@{NAME}_FOLLOW_INVALID_GOAL, "another trajectory has replaced it");
-  hand_over(goal);
 }
 
 rclcpp_action::GoalResponse Trajectories::consider(const Action::Goal & wanted)
 {
   std::shared_ptr<Goal> goal;
-  std::string why = "the controller is not active, or another one commands it";
+  std::string why = INACTIVE;
   const int code =
     is_active_.load() ? accept(wanted.trajectory, &wanted, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
@@ -267,48 +284,55 @@ rclcpp_action::GoalResponse Trajectories::consider(const Action::Goal & wanted)
 
 void Trajectories::begin(const std::shared_ptr<Handle> & handle)
 {
-  monitor();
-  finish(@{NAME}_FOLLOW_INVALID_GOAL, "another goal has replaced it");
   std::shared_ptr<Goal> goal;
   std::string why;
-  handle_ = handle;
+  monitor();  // a stop of before ends no goal of now
   const auto wanted = handle->get_goal();
-  int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
-  if (!is_active_.load()) {  // since it was considered; from here on a stop leaves its reason for this goal
-    code = @{NAME}_FOLLOW_INVALID_GOAL;
-    why = "the controller is not active, or another one commands it";
-  }
+  const int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
-    finish(code, why);
+    finish(*handle, code, why);
     return;
   }
-  hand_over(goal);
-  handled_ = goal->number;
+  const long number = hand_over(goal, true);
+  if (number == 0) {
+    finish(*handle, @{NAME}_FOLLOW_INVALID_GOAL, TOO_MANY);
+    return;
+  }
+  open_.emplace_back(number, handle);
+  if (!is_active_.load()) {  // since it was considered; from here on a stop leaves its reason for this goal
+    finish(number, @{NAME}_FOLLOW_INVALID_GOAL, INACTIVE);
+  }
 }
 
-rclcpp_action::CancelResponse Trajectories::cancel()
+rclcpp_action::CancelResponse Trajectories::cancel(const Handle & handle)
 {
-  cancelled_.store(given_.load());
-  return rclcpp_action::CancelResponse::ACCEPT;
+  const auto found = std::find_if(
+    open_.begin(), open_.end(), [&handle](const auto & one) { return one.second.get() == &handle; });
+  cancelled_.store(-1);  // it has met a goal
+  const bool fits = found != open_.end() && requests_.push({nullptr, found->first});
+  return fits ? rclcpp_action::CancelResponse::ACCEPT : rclcpp_action::CancelResponse::REJECT;
 }
 
-// Feedback, and the result once the loop has told it.
+// Results that the loop has told, a cancel that no goal has answered, and feedback.
 void Trajectories::monitor()
 {
+  @{name}_follow_end end;
+  while (ends_.pop(end)) {
+    finish(end.number, end.code, text_of(end.code, end.reason));
+  }
   const char * const reason = stopped_for_.exchange(nullptr);
-  if (!handle_) {
-    return;
+  while (reason != nullptr && !open_.empty()) {
+    finish(open_.back().first, @{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED, reason);
   }
-  if (reason != nullptr) {
-    finish(@{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED, reason);
-    return;
+  const long cancelled = cancelled_.exchange(-1);
+  if (open_.empty() && cancelled >= 0 && cancelled == accepted_.load()) {
+    (void)requests_.push({nullptr, 0});
   }
-  if (ended_.load() == handled_) {
-    finish(ended_with_.load(), text_of(ended_with_.load()));
-    return;
+  if (is_warned_ != is_contested_.load()) {
+    is_warned_ = !is_warned_;
+    warn_of_sources();
   }
-  if (handle_->is_canceling()) {
-    finish(@{NAME}_FOLLOW_SUCCESSFUL, "the goal is cancelled");
+  if (open_.empty()) {
     return;
   }
   const auto feedback = std::make_shared<Action::Feedback>();
@@ -327,79 +351,116 @@ void Trajectories::monitor()
     feedback->error.positions.push_back(told.desired[j] - told.actual[j]);
     feedback->error.velocities.push_back(told.desired_velocity[j] - told.actual_velocity[j]);
   }
-  handle_->publish_feedback(feedback);
+  for (const auto & one : open_) {
+    one.second->publish_feedback(feedback);
+  }
 }
 
-void Trajectories::finish(int code, const std::string & text)
+// Who sends trajectories that replace one another.
+void Trajectories::warn_of_sources()
 {
-  const std::shared_ptr<Handle> handle = std::exchange(handle_, nullptr);
-  if (!handle) {
+  if (!is_warned_) {
     return;
   }
+  std::string names;
+  for (const auto & one : node_->get_publishers_info_by_topic(subscription_->get_topic_name())) {
+    const std::string space = one.node_namespace();
+    names += (names.empty() ? "" : ", ") + space + (space == "/" ? "" : "/") + one.node_name();
+  }
+  RCLCPP_WARN(
+    node_->get_logger(), "trajectories of two sources replace one another: publishers of %s are %s, beside the action's "
+    "clients. Stop one of them", subscription_->get_topic_name(), names.empty() ? "none" : names.c_str());
+}
+
+void Trajectories::finish(long number, int code, const std::string & text)
+{
+  const auto found =
+    std::find_if(open_.begin(), open_.end(), [number](const auto & one) { return one.first == number; });
+  if (found != open_.end()) {
+    const std::shared_ptr<Handle> handle = found->second;
+    open_.erase(found);
+    finish(*handle, code, text);
+  }
+}
+
+void Trajectories::finish(Handle & handle, int code, const std::string & text)
+{
   const auto result = std::make_shared<Action::Result>();
   result->error_code = code;
   result->error_string = text;
-  if (handle->is_canceling()) {
-    handle->canceled(result);
+  if (handle.is_canceling()) {
+    handle.canceled(result);
   } else if (code == @{NAME}_FOLLOW_SUCCESSFUL) {
-    handle->succeed(result);
+    handle.succeed(result);
   } else {
-    handle->abort(result);
+    handle.abort(result);
   }
 }
 
 // Loop ---------------------------------------------------------------------------------------------------------
-// The first word on a goal counts, and that on the newest one: only its handle is still open.
-void Trajectories::end(std::uint64_t number, int code)
+// Ends of goals in the last call; and which goals are still read.
+void Trajectories::tell()
 {
-  if (number > ended_.load()) {
-    ended_with_.store(code);
-    ended_.store(number);
+  for (int i = 0; i < state_.ended; ++i) {
+    if (state_.ends[i].number % 2 == 1) {
+      (void)ends_.push(state_.ends[i]);
+    }
   }
+  state_.ended = 0;
 }
 
 void Trajectories::leave(const @{name}_real * r)
 {
+  Request unread;
+  @{name}_follow_end_all(&state_, @{NAME}_FOLLOW_INVALID_GOAL, @{NAME}_FOLLOW_REPLACED);
+  tell();
+  while (requests_.pop(unread)) {  // also what came in this period
+    if (unread.goal != nullptr && unread.goal->goal.number % 2 == 1) {
+      (void)ends_.push({unread.goal->goal.number, @{NAME}_FOLLOW_INVALID_GOAL, @{NAME}_FOLLOW_REPLACED});
+    }
+  }
   is_used_ = false;
-  started_ = pending_ = given_.load();
-  end(started_, @{NAME}_FOLLOW_INVALID_GOAL);  // also one that came in this period, and was not read yet
   (void)@{name}_follow_init(&state_, r);
+}
+
+void Trajectories::answer(const Request & request, const rclcpp::Time & time, const @{name}_real * r)
+{
+  if (request.goal == nullptr) {
+    @{name}_follow_cancel_goal(&state_, &options_, request.cancelled);
+    tell();
+    return;
+  }
+  @{name}_follow_goal wanted = request.goal->goal;
+  if (request.goal->stamp != 0) {
+    wanted.begins = static_cast<@{name}_real>(SECOND * static_cast<double>(request.goal->stamp - time.nanoseconds()));
+  }
+  bool rests = true;  // after rows from elsewhere it begins at rest
+  for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+    rests = rests && std::fabs(static_cast<double>(r[JOINTS.size() + j])) < 1e-3;
+  }
+  if (!is_used_ && rests) {
+    (void)@{name}_follow_init(&state_, r);
+  }
+  const int code =
+    (is_used_ || rests) ? @{name}_follow_start(&state_, &options_, &wanted) : @{NAME}_FOLLOW_INVALID_GOAL;
+  tell();
+  if (code == @{NAME}_FOLLOW_ACTIVE) {
+    is_used_ = true;
+  } else if (wanted.number % 2 == 1) {
+    (void)ends_.push({wanted.number, code, @{NAME}_FOLLOW_BY_CODE});
+  }
 }
 
 void Trajectories::follow(
   const rclcpp::Time & time, double speed, const @{name}_param & param, const @{name}_output & last,
   @{name}_real * r)
 {
-  const Goal * goal = goals_.readFromRT()->get();
-  if (goal != nullptr && goal->number > started_) {
-    @{name}_follow_goal wanted = goal->goal;
-    started_ = goal->number;
-    is_cancelled_ = false;
-    if (goal->stamp != 0) {
-      wanted.begins = static_cast<@{name}_real>(SECOND * static_cast<double>(goal->stamp - time.nanoseconds()));
-    }
-    bool rests = true;  // after rows from elsewhere it begins at rest
-    for (std::size_t j = 0; j < JOINTS.size(); ++j) {
-      rests = rests && std::fabs(static_cast<double>(r[JOINTS.size() + j])) < 1e-3;
-    }
-    if (!is_used_ && rests) {
-      (void)@{name}_follow_init(&state_, r);
-    }
-    const int code =
-      (is_used_ || rests) ? @{name}_follow_start(&state_, &options_, &wanted) : @{NAME}_FOLLOW_INVALID_GOAL;
-    if (code == @{NAME}_FOLLOW_ACTIVE) {
-      pending_ = started_;
-      is_used_ = true;
-    } else {
-      end(started_, code);
-    }
+  Request request;
+  while (requests_.pop(request)) {
+    answer(request, time, r);
   }
   if (!is_used_) {
     return;
-  }
-  if (!is_cancelled_ && cancelled_.load() > 0 && cancelled_.load() >= started_) {
-    is_cancelled_ = true;
-    @{name}_follow_cancel(&state_, &options_);
   }
   @{name}_follow_input input{};
   for (std::size_t j = 0; j < JOINTS.size(); ++j) {
@@ -411,21 +472,14 @@ void Trajectories::follow(
   input.speed = static_cast<@{name}_real>(speed);
   input.path_rate = last.path_rate;
   @{name}_follow_output output{};
-  const int code = @{name}_follow_step(&state_, &options_, &param, &input, &output);
+  (void)@{name}_follow_step(&state_, &options_, &param, &input, &output);
+  tell();
+  in_use_.store(state_.stops == 0 ? state_.goal.number : output.waits != 0 ? state_.next.number : in_use_.load());
+  is_contested_.store(output.contested != 0);
   std::copy(std::begin(output.r), std::end(output.r), r);
   for (std::size_t j = 0; j < JOINTS.size(); ++j) {
     sample_.desired[j] = static_cast<double>(output.position[j]);
     sample_.desired_velocity[j] = static_cast<double>(output.velocity[j]);
-  }
-  if (code == @{NAME}_FOLLOW_INVALID_GOAL || code == @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP) {
-    end(pending_, code);  // one that has waited, and would be a jump; the one before it goes on
-    pending_ = in_use_.load();
-  } else if (output.waits == 0) {
-    in_use_.store(pending_);
-  }
-  if (code == @{NAME}_FOLLOW_SUCCESSFUL || code == @{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED ||
-    code == @{NAME}_FOLLOW_GOAL_TOLERANCE_VIOLATED) {
-    end(in_use_.load(), code);
   }
   const std::unique_lock<std::mutex> guard(told_mutex_, std::try_to_lock);
   if (guard.owns_lock()) {

@@ -101,6 +101,19 @@ class SubscriptionBase
 {
 public:
   virtual ~SubscriptionBase() = default;
+  const char * get_topic_name() const { return topic.c_str(); }
+  std::string topic;
+};
+
+class TopicEndpointInfo
+{
+public:
+  explicit TopicEndpointInfo(std::string name) : name_(std::move(name)) {}
+  const std::string & node_name() const { return name_; }
+  const std::string & node_namespace() const { return space_; }
+
+private:
+  std::string name_, space_ = "/";
 };
 
 template <class MessageT>

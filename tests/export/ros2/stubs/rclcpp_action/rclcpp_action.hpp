@@ -1,6 +1,7 @@
 // A stub: the signatures of rclcpp_action that a server uses. A handle allows the transitions of the real one alone.
 #pragma once
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -51,8 +52,17 @@ private:
   std::shared_ptr<const typename ActionT::Goal> goal_;
 };
 
+class ServerBase
+{
+public:
+  enum class EntityType : std::size_t { GoalService, ResultService, CancelService };
+  // Called by the middleware as something comes, before an executor looks at it.
+  void set_on_ready_callback(std::function<void(std::size_t, int)> callback) { on_ready = std::move(callback); }
+  std::function<void(std::size_t, int)> on_ready;
+};
+
 template <class ActionT>
-class Server
+class Server : public ServerBase
 {
 public:
   using SharedPtr = std::shared_ptr<Server<ActionT>>;

@@ -84,6 +84,11 @@ public:
   rclcpp::node_interfaces::NodeClockInterface::SharedPtr get_node_clock_interface() { return {}; }
   rclcpp::node_interfaces::NodeLoggingInterface::SharedPtr get_node_logging_interface() { return {}; }
   rclcpp::node_interfaces::NodeWaitablesInterface::SharedPtr get_node_waitables_interface() { return {}; }
+  std::vector<rclcpp::TopicEndpointInfo> get_publishers_info_by_topic(const std::string & topic, bool = false) const
+  {
+    return topic == "/arm_controller/joint_trajectory" ? others : std::vector<rclcpp::TopicEndpointInfo>();
+  }
+  std::vector<rclcpp::TopicEndpointInfo> others{rclcpp::TopicEndpointInfo("planner"), rclcpp::TopicEndpointInfo("servo")};
   bool has_parameter(const std::string & name) const { return declared_.count(name) > 0; }
   rclcpp::Parameter get_parameter(const std::string & name) const
   {
@@ -124,6 +129,7 @@ public:
   {
     const auto made = std::make_shared<rclcpp::Subscription<MessageT>>();
     made->callback = callback;
+    made->topic = "/arm_controller" + topic.substr(1);
     subscriptions[topic] = made;
     return made;
   }
