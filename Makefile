@@ -9,6 +9,7 @@
 # make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace,
 # make bench-limits, make bench-firmware, make bench-codegen, make bench-estimator, make bench-certificates,
 # make bench-filters, make bench-studio, make bench-robots: measure
+# make faults    faults of sensors, drives, mechanics and clocks on four arms: what an exported controller does about them
 # make mutants;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -37,7 +38,7 @@ PIP     := if $(PY) $(HAS) pip; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m 
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-codegen bench-estimator bench-certificates bench-filters bench-studio bench-robots peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-codegen bench-estimator bench-certificates bench-filters bench-studio bench-robots faults peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -148,6 +149,10 @@ bench-frozen: environment-dev
 # FILES=folder has the robot files of others.
 bench-limits: environment-dev
 	$(PY) -m benchmarks.limits $(if $(FILES),--files $(FILES))
+
+# Needs gcc. A seed is drawn and printed; OPTIONS="--seed 74 --runs 100" repeats and runs more. Two minutes.
+faults: environment-dev
+	$(PY) -m benchmarks.faults $(OPTIONS)
 
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev

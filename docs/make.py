@@ -475,7 +475,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     **{
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
-        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals")
+        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals", "pushes")
     },
     **{
         name: ("docs/comparison_workspaces.md", benchmark("benchmarks.compared", "--table", table))
@@ -499,6 +499,10 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         "docs/firmware_study.md",
         benchmark("benchmarks.firmware", "--table", "trajectories"),
     ),
+    **{
+        f"faults-{table}": ("docs/firmware_study.md", benchmark("benchmarks.faults", "--table", table))
+        for table in ("arms", "groups", "hidden", "harmless", "faults")
+    },
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
     "public-robots": ("docs/hardware.md", benchmark("benchmarks.robots", "--table")),

@@ -132,8 +132,8 @@ COMPUTE = (
 
 #: Functions of these that pages may call: texts, a unit, sums of a few numbers, a part of a result.
 READS = {
-    "common_unit", "modal_filter", "motors_alone", "persistent_bound", "proved_errors", "shrinking", "theorem_parts",
-    "verification_text",
+    "common_unit", "modal_filter", "motors_alone", "of_controller", "persistent_bound", "proved_errors", "shrinking",
+    "theorem_parts", "verification_text",
 }  # fmt: skip
 
 

@@ -85,6 +85,12 @@ class TrueArm(MuJoCo):
         self.positions[self.motors[self.elastic]] += side
         self.positions[self.twists] -= side
 
+    def push(self, speeds: np.ndarray) -> None:
+        """Give the links velocities (n,) at once, beside what they have."""
+        elastic = np.isfinite(self.arm.stiffness)
+        self.velocities[self.twists] += speeds[elastic]
+        self.velocities[self.motors[~elastic]] += speeds[~elastic]
+
     def brake(self, on: bool) -> None:
         """Hold all motors, with their drives off, or let them go."""
         self.braked = on

@@ -14,16 +14,17 @@ import numpy as np
 
 from benchmarks.limits.arms import described, design_of, robot_of
 from benchmarks.limits.laws import PLAIN, TITLES, Product, Rival, Runs, tuned
+from benchmarks.limits.pushes import pushed
 from benchmarks.limits.trials import CURVED, TRIALS, follow, limits_of, many_goals, noise_of
 from benchmarks.workspace.arm import Arm
 
-__all__ = ["GROUPS", "NONE", "ROWS", "Bench", "kept", "named_rows"]
+__all__ = ["GROUPS", "NONE", "PUSHED", "ROWS", "Bench", "kept", "named_rows"]
 
 #: The rows that the docs show.
 ROWS = Path(__file__).resolve().parent / "rows"
-MET, PRODUCT = "met", "flexhinf"
+MET, PUSHED, PRODUCT = "met", "pushes", "flexhinf"
 #: What ``--rows`` may name at once.
-GROUPS = {"met": [MET], "tracking": list(CURVED), "limits": list(TRIALS)}
+GROUPS = {"met": [MET], "tracking": list(CURVED), "limits": list(TRIALS), "pushes": [PUSHED]}
 #: What is said of a rival without a law.
 NONE = "no candidate is stable"
 #: Noise of the encoders of joints that slide, m, in the moves by which "met" is looked at, where no design states it.
@@ -75,6 +76,7 @@ class Bench:
             self.keep()
         for name in laws:
             wanted = [row for row in rows if again or name not in self.data.get(row, {})]
+            wanted = [row for row in wanted if row != PUSHED or name == PRODUCT]
             if not wanted:
                 continue
             law = self.law(name)
@@ -95,4 +97,9 @@ class Bench:
             design = self.data.get("design", {})
             own = np.where(self.arm.slides, design.get("sliding") or SLIDING, design.get("noise", 0.0))
             return many_goals(self.arm, law, own if name == PRODUCT else noise_of(self.arm))
+        if row == PUSHED:
+            own, bare = law, self.law(PLAIN)
+            assert isinstance(own, Product)
+            assert isinstance(bare, Product)
+            return pushed(self.arm, own, bare)
         return limits_of(self.arm, law, TRIALS[row]) if row in TRIALS else follow(self.arm, law, row)

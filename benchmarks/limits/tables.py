@@ -10,11 +10,12 @@ from typing import Any
 
 from benchmarks.limits.arms import ARMS
 from benchmarks.limits.laws import LAWS
-from benchmarks.limits.rows import MET, NONE, PRODUCT, kept
+from benchmarks.limits.pushes import TIMES as FARTHER
+from benchmarks.limits.rows import MET, NONE, PRODUCT, PUSHED, kept
 from benchmarks.limits.trials import CURVED, TRIALS
 from flexhinf import Status
 
-__all__ = ["TABLES", "beyond_limits", "judged"]
+__all__ = ["TABLES", "beyond_limits", "judged", "returns"]
 
 MISSING = "not measured"
 #: Laws that a row needs for a comparison.
@@ -128,6 +129,40 @@ def judged(row: dict[str, dict[str, Any]]) -> str:
     return f"missed: {', '.join(missed)}" if missed else "kept"
 
 
+def pushes(folder: Path) -> str:
+    """Arms that are pushed: from how many pushes the law returns, and the controller, and by how much it keeps the
+    rule."""
+    lines = _head(
+        (
+            "arm",
+            "pushes",
+            "the law returns",
+            "the controller too",
+            "furthest, of the law's",
+            "latest, of its time",
+            "rule",
+        )
+    )
+    for name in ARMS:
+        found = kept(folder, name).get(PUSHED, {}).get(PRODUCT)
+        if found is not None:
+            runs = [one for one in found["pushes"] if "own" in one]
+            back = [one for one in runs if one["own"][1] is not None]
+            far = max((one["own"][0] / one["law"][0] for one in runs), default=0.0)
+            late = max((one["own"][1] / one["allowed"] for one in back), default=0.0)
+            counts = len(found["pushes"]), len(runs), len(back)
+            missed = sum(not returns(one) for one in runs)
+            verdict = f"missed: {missed}" if missed else "kept"
+            lines.append(_cells([name, *map(str, counts), f"{far:.2f}", f"{late:.2f}", verdict]))
+    return "\n".join(lines)
+
+
+def returns(run: dict[str, Any]) -> bool:
+    """Whether the rule of pushes is kept after one from which the law returns."""
+    (far, back), (most, _) = run["own"], run["law"]
+    return back is not None and back <= run["allowed"] and far <= FARTHER * most
+
+
 def before(folder: Path) -> str:
     """Brakes for half a second: as it was before, and now."""
     lines = _head(("arm", "before: beyond, speed", "now: beyond, speed", "PD now"))
@@ -196,6 +231,15 @@ def short(folder: Path) -> str:
     missed = [f"{where} ({said})" for where, said in verdicts if said != "kept"]
     kept_in = f"{len(verdicts) - len(missed)} of {len(verdicts)} rows"
     lines.append(_cells(["flexhinf keeps the rule of limits", f"{kept_in}; not in: {_listed(missed)}"]))
+    runs = [
+        (name, one)
+        for name, rows in every.items()
+        for one in rows.get(PUSHED, {}).get(PRODUCT, {"pushes": []})["pushes"]
+        if "own" in one
+    ]
+    gone = [f"{name}, {one['where']}, {one['speeds']}" for name, one in runs if not returns(one)]
+    text = f"{len(runs) - len(gone)} of {len(runs)} pushes; not from: {_listed(gone)}"
+    lines.append(_cells(["flexhinf returns from a push as its law does", text]))
     run = {
         name: (beyond_limits(rows["design"]["limits"], rows[MET][PRODUCT]), rows[MET][PRODUCT]["moves"])
         for name, rows in every.items()
@@ -277,7 +321,7 @@ def _listed(texts: list[str], none: str = "none") -> str:
 
 TABLES: dict[str, Callable[[Path], str]] = {
     "short": short, "met": met, "rest": rest, "limits": limits, "before": before, "tracking": tracking,
-    "rivals": rivals,
+    "rivals": rivals, "pushes": pushes,
 }  # fmt: skip
 
 

@@ -16,15 +16,20 @@ from benchmarks.limits.arms import ARMS, added, designed, named, noise_in, robot
 from benchmarks.limits.laws import DAMPING, RIPPLE, Product, Rival, tuned
 from benchmarks.limits.paths import CURVES, curve, heaviest, held, jump, needed, whole
 from benchmarks.limits.plant import Stop, TrueArm, stiff
+from benchmarks.limits.pushes import pushed, pushes_of
 from benchmarks.limits.rows import NONE, ROWS, Bench, kept, named_rows
-from benchmarks.limits.tables import TABLES, beyond_limits, judged
+from benchmarks.limits.tables import TABLES, beyond_limits, judged, returns
 from benchmarks.limits.trials import TRIALS, drive, limits_of, noise_of
-from benchmarks.workspace.arm import LATENCY, PERIOD, SPRINGS, Arm, damped
+from benchmarks.workspace.arm import LATENCY, PERIOD, SPRINGS, Arm, damped, pin
 from benchmarks.workspace.goals import Reference
 from scipy.integrate import solve_ivp
 from tests.builders import LinearLaw
 
 import flexhinf as fh
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.modal import ModalLaw
+from flexhinf.modal.pair import PairWeights
+from flexhinf.robot.workspace import workspace_of
 
 PLANAR, ELASTIC = "planar-two-link", "elastic"
 
@@ -383,7 +388,7 @@ def test_where_a_pd_is_better_is_said(tmp_path: Path) -> None:
         },
     }
     (tmp_path / "scara.json").write_text(json.dumps(rows), encoding="utf-8")
-    far, followed_by, oftener, nearer, sooner, rule, _ = TABLES["short"](tmp_path).splitlines()[2:]
+    far, followed_by, oftener, nearer, sooner, rule, *_ = TABLES["short"](tmp_path).splitlines()[2:]
     assert re.findall(r"\d+", far) == ["2", "0", "5", "30", "50"]
     assert not re.findall(r"\d+", oftener)
     assert re.findall(r"\d+", nearer) == ["3", "4"]
@@ -402,6 +407,51 @@ def test_no_kept_row_that_is_met_has_a_move_beyond_unsaid(repository: Path) -> N
         run = rows.get("met", {}).get("flexhinf")
         if run and rows["design"]["met"] and beyond_limits(rows["design"]["limits"], run):
             assert f"`{name}`" in said, name
+
+
+# Pushes ---------------------------------------------------------------------------------------------
+def test_pushes_give_links_their_speeds_at_poses_that_motors_can_hold(elastic: Arm) -> None:
+    """Of one joint 0.5 to 20 rad/s, of all down to 0.3 of that, on both sides; raised above hanging."""
+    found = [*pushes_of(elastic, 12)]
+    sizes = np.array([np.abs(push.speeds).max() for push in found])
+    assert 0.15 <= sizes.min() < 2.0 < 7.0 < sizes.max() <= 20.0
+    assert {np.sign(push.speeds[np.abs(push.speeds).argmax()]) for push in found} == {-1.0, 1.0}
+    assert {np.count_nonzero(push.speeds) for push in found} == {1, elastic.n}
+    poses = {push.where: push.pose for push in found}
+    heights = [
+        pin.computePotentialEnergy(elastic.model, elastic.memory, poses[at]) for at in ("raised", "hanging")
+    ]
+    assert heights[0] > heights[1]
+    for push in found[:3]:
+        assert np.all((push.pose >= elastic.lower) & (push.pose <= elastic.upper))
+        plant = TrueArm(push.robot)
+        plant.rest(push.pose)
+        still = plant.read()[0]
+        plant.push(push.speeds)
+        plant.advance(push.robot.rest(push.pose)[1])
+        assert plant.read()[0] - still == pytest.approx(PERIOD * push.speeds, rel=0.2, abs=0.2 * PERIOD)
+
+
+@pytest.mark.ci("compiles two controllers of one joint")
+def test_an_arm_that_is_pushed_is_judged_beside_its_law(tmp_path: Path) -> None:
+    """From three pushes; of the rule each part is missed by a number that is changed."""
+    robot = robot_of("paper", None)
+    design = fh.Specification(
+        workspace="limits", measured=the_arms.MEASURED.split(","), peak_speed=2.0, saturation=48.0
+    )
+    setup = WorkspaceSetup(robot, design, workspace_of(robot, "limits"), ModalLaw.tuned(
+        robot.problem(fh.Penalty({"link_position": 1.0})), PERIOD, PairWeights(bandwidth=7.0, share=0.7)
+    ))  # fmt: skip
+    setup.controller(np.zeros(1), supervision=setup.supervision).save(tmp_path / "controller")
+    arm, laws = Arm.of(robot), [Product(robot, tmp_path, governed) for governed in (True, False)]
+    row = pushed(arm, *laws, count=3)["pushes"]
+    assert [one["where"] for one in row] == ["raised", "hanging", "home"]
+    assert all(returns(one) for one in row)
+    for changed in ({"own": [1.2 * row[0]["law"][0], 0.5]}, {"own": [0.1, None]}, {"allowed": 0.0}):
+        assert not returns(row[0] | changed)
+    rows = {"pushes": {"flexhinf": {"pushes": row}}}
+    (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
+    assert TABLES["pushes"](tmp_path).splitlines()[-1].startswith("| paper | 3 | 3 | 3 |")
 
 
 @pytest.mark.nightly("designs an arm and runs it: a kept row is what is measured again")

@@ -207,7 +207,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert main(["certify", "made", "--out", "less"]) == 1  # than the file states
     proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
     assert 0.0 < proof["proved"]["lower"] < proof["computed"]["lower"] < abs(proof["unstable"]["error"])
-    assert [text[:3] for text in proof["hypotheses"]] == ["1. ", "2. ", "3. ", "4. ", "5. "]
+    assert [text[:3] for text in proof["hypotheses"]] == ["1. ", "2. ", "3. ", "4. ", "5. ", "6. "]
     assert all("every pose" in text for text in (proof["text"], proof["hypotheses"][0]))
     assert proof["everywhere"]["low"] <= proof["stable"]["low"]
     assert proof["largest"]["tolerance"] > 0.1

@@ -47,21 +47,21 @@ def test_an_elbow_that_a_wall_blocks_is_said_let_go_and_comes_back_slowly() -> N
         assert (one.path_rate < 1.0) == lets_go
         speeds.append(speed)
     assert max(speeds) < 1.2
-    assert pushes[0] < 0.2 * 24.0 < 0.3 * 24.0 < pushes[1]
+    assert pushes[0] < 0.1 * 24.0 < 0.2 * 24.0 < pushes[1]
 
 
 @pytest.mark.ci("two controllers of two arms, which move with noise")
 @pytest.mark.parametrize("name", ["planar-two-link", "scara"])
-def test_an_arm_that_nothing_blocks_has_the_input_of_one_that_never_lets_go(name: str) -> None:
-    """Bit for bit, a robot at a corner of the tolerances too."""
+def test_an_arm_that_nothing_blocks_has_the_input_of_one_without_a_governor(name: str) -> None:
+    """Bit for bit, and of one that never lets go; a robot at a corner of the tolerances too."""
     setup = made(name, saturation=24.0) if name == "planar-two-link" else made(name, measurement_noise=1e-10)
     home = np.array(arm(name).home)
     span = setup.workspace.upper - setup.workspace.lower
     goal = np.clip(home + 0.2 * span, setup.workspace.lower, setup.workspace.upper)
     plan, found = fh.Waypoints([0.0, 2.0], [home, goal], "quintic"), []
     for values in [{}, *arm(name).random_corners(1, 7)]:
-        for resistance in (setup.governor.resistance, None):
-            governor, watch = replace(setup.governor, resistance=resistance), setup.supervision
+        own, watch = setup.governor, setup.supervision
+        for governor in (own, replace(own, resistance=None), None):
             reactions = {event: kind for event, kind in watch.reactions.items() if event != "blocked"}
             one = deployed(setup, home, governor=governor, supervision=replace(watch, reactions=reactions))
             run = fh.Loop(with_values(setup.true_plant, values), one).run(
@@ -69,6 +69,7 @@ def test_an_arm_that_nothing_blocks_has_the_input_of_one_that_never_lets_go(name
                 initial_state=arm(name).operating_point(home, parameters=values)[0],
             )  # fmt: skip
             found.append(run.signals["input"])
+        assert np.array_equal(*found[-3:-1])
         assert np.array_equal(*found[-2:])
 
 

@@ -305,7 +305,19 @@ def test_it_has_no_memory_of_its_own_and_needs_the_mathematical_library_alone(
     kinds = {line[-2] for line in lines}
     assert not kinds & set("dDbBC"), "static memory that can change"
     public = {line[-1] for line in lines if line[-2].isupper() and line[-2] != "U"}
-    names = ("init", "start", "step", "defaults", "version", "digest", "fused", "check", "rest")
+    names = (
+        "init",
+        "start",
+        "step",
+        "defaults",
+        "version",
+        "digest",
+        "fused",
+        "check",
+        "rest",
+        "at_rest",
+        "may_act",
+    )
     assert public == {f"arm_{name}" for name in names}
     needed = {line[-1] for line in lines if line[-2] == "U"} - {
         "memset",
@@ -344,7 +356,9 @@ int drives_enabled(void) { return 1; }
 int read_sensors(arm_real *y) { y[0] = 0; return sample < 20 || sample >= 35; }
 void read_command(arm_real *r, arm_real path_rate) { (void)r; (void)path_rate; }
 void drive_motors(const arm_real *u) { (void)u; last = sample; }
+arm_real seconds_since_sample(void) { return 0; }
 void report(int code) { (void)code; }
+void refused(int why) { (void)why; }
 void restart_watchdog(void) {}
 void brake(int code) { printf("brake %d, last driven %d\\n", code, last); }
 """
@@ -364,7 +378,7 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     for before, after in (
         ("    }\n    return true;", "    }\n    return sample < 20 || sample >= 35;"),
         ("(void)u;", "(void)u; last = sample;"),
-        ("(void)code; // stops", 'std::printf("brake %d, last driven %d\\n", code, last); //'),
+        ("(void)stop; // takes", 'std::printf("brake %d, last driven %d\\n", stop, last); //'),
     ):
         assert sketch.count(before) == 1
         sketch = sketch.replace(before, after)
@@ -379,7 +393,7 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     flags = ("-Wall", "-Wextra", "-Werror", "-O0", f"-I{tmp_path}")
     run("gcc", "-std=c99", "-O0", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
     header = (folder / "arm.h").read_text()
-    for changed, told in ((False, ["brake 6, last driven 30"] * 2), (True, ["brake 8, last driven -1"] * 2)):
+    for changed, told in ((False, ["brake 10, last driven 30"] * 2), (True, ["brake 2, last driven -1"] * 2)):
         (tmp_path / "arm.h").write_text(
             re.sub('(?<=_DIGEST ").*(?=")', "another", header) if changed else header
         )

@@ -284,7 +284,8 @@ def rich(moving: bool) -> fh.Controller:
     friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors, [1.5, 0.5], [0.05, 0.1])
     gaps = fh.loop.Backlash([1e-4], ["link_position_elbow"], ["motor_position_elbow"])
     box: tuple[list[float], list[float]] = ([-1.0, -1.0], [1.0, 1.0])
-    back = fh.loop.Governor([0.02] * 2, [2.0] * 2, [20.0] * 2, *box, [0.5] * 2)
+    curves = np.outer([0.8, 1.0, 1.3, 0.002, 0.01], np.ones(2)).tolist()
+    back = fh.loop.Governor([0.02] * 2, [2.0] * 2, [20.0] * 2, *box, [0.5] * 2, curves=curves)
     standing = {"command_range": 2.0, "command_rate": 9.0}
     own: dict[str, Any] = (
         {"dry_friction": friction, "backlash": gaps, "governor": back} if moving else standing

@@ -14,7 +14,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export import with_measurement_limits
+from flexhinf.export import protected
 from flexhinf.robot import MuJoCoPlant
 
 # Loops and libraries of some samples: compiled in half the time.
@@ -168,7 +168,8 @@ def test_those_of_a_robot() -> None:
     sensors = ("link_position", "motor_position", "motor_velocity")
     kind, noise = fh.ExtendedKalmanFilter, {"q": 1e-6, "r": 1e-8}
     plain = arm_controller(arm, kind, pose=arm.home, measured=sensors, limit=100.0, **noise)
-    made = with_measurement_limits(plain, arm)
+    made, unchecked = protected(plain, arm)
+    assert not unchecked
     assert made.measurement_limits is not None
     rows = dict(zip(made.measured, np.transpose(made.measurement_limits).tolist(), strict=True))
     noise = 6e-4
@@ -180,7 +181,7 @@ def test_those_of_a_robot() -> None:
         [-2.75 - twist, 2.75 + twist, 12.0 + math.sqrt(2.0) * 0.6]
     )
     assert rows["motor_velocity_wrist"] == pytest.approx([-20.0 - noise, 20.0 + noise, math.inf])
-    assert with_measurement_limits(made, None) is made  # it has limits of its own
+    assert protected(made, arm)[0].measurement_limits == made.measurement_limits  # it has limits of its own
 
 
 SENSORS = ("link_position", "motor_position", "link_velocity", "motor_velocity", "joint_torque")
@@ -199,7 +200,7 @@ def test_every_sensor_has_a_check_that_a_wild_robot_keeps() -> None:
     which changes its sign at random; its links meet no end stop, so that ranges of positions are left out."""
     pytest.importorskip("mujoco")
     controller, arm = with_all_sensors("planar-two-link", 48.0)
-    made = with_measurement_limits(controller, arm)
+    made, _ = protected(controller, arm)
     assert made.measurement_limits is not None
     lower, upper, rate = made.measurement_limits
     wild, rng, rows, u = MuJoCoPlant(arm, SENSORS), np.random.default_rng(3), [], np.zeros(2)
@@ -225,30 +226,26 @@ def test_what_cannot_be_checked_is_refused() -> None:
     for wrong in (1.0, (1.0, 2.0), ((1.0, 1.0), (0.5, 1.0), 1.0), (-1.0, 1.0, -1.0), ([1.0] * 3, 2.0, 1.0)):
         with refused_with(InvalidInput, "measurement_limits"):
             made(wrong)
-    with refused_with(InvalidInput, "speed_limit", "'paper'", "measurement_limits"):
-        with_measurement_limits(made(None).fresh(saturation=None), arm)
     with refused_with(InvalidInput, "no robot"):
-        with_measurement_limits(made(None), None)
+        protected(made(None), None)
     with refused_with(InvalidInput, "no estimator"):
-        with_measurement_limits(fh.Controller(law, None, 1e-3), arm)
+        protected(fh.Controller(law, None, 1e-3), arm)
 
 
-def test_a_sensor_without_a_check_is_refused_with_what_is_to_be_stated() -> None:
+def test_a_sensor_without_a_check_is_named_with_what_is_to_be_stated() -> None:
     """A torque has no back-EMF, and one without a limit twists a spring at will."""
     controller, arm = with_all_sensors("spatial-three-link", 40.0)
-    with refused_with(
-        InvalidInput, "motor_velocity_elbow", "speed_limit", "--peak-speed", "shoulder"
-    ) as caught:
-        with_measurement_limits(controller, arm)
-    assert "joint_torque" not in caught.value.what
-    speeds = np.array([2.0, 3.0, math.inf])
-    with refused_with(InvalidInput, "link_position_elbow", "speed_limit") as caught:
-        with_measurement_limits(controller, arm, speeds)
-    assert "shoulder" not in caught.value.what
-    made = with_measurement_limits(controller, arm, np.array([2.0, 3.0, 4.0]))
-    assert made.measurement_limits is not None
-    assert np.isfinite(made.measurement_limits[2][[0, 1, 2, 3, 4, 5]]).all()
+    made, unchecked = protected(controller, arm)
+    for name in ("motor_velocity_elbow", "speed_limit", "--peak-speed", "shoulder"):
+        assert name in unchecked
+    assert "joint_torque" not in unchecked
+    assert np.isinf(made.measurement_limits[2][[0, 3]]).all()  # type: ignore[index]
+    _, unchecked = protected(controller, arm, np.array([2.0, 3.0, math.inf]))
+    assert "link_position_elbow" in unchecked
+    assert "shoulder" not in unchecked
+    made, unchecked = protected(controller, arm, np.array([2.0, 3.0, 4.0]))
+    assert not unchecked
+    assert np.isfinite(made.measurement_limits[2][[0, 1, 2, 3, 4, 5]]).all()  # type: ignore[index]
     assert "inf" not in made.summary()["measurements"]
     free, _ = with_all_sensors("spatial-three-link", None)
-    with refused_with(InvalidInput, "joint_torque_base", "effort_limit", "--saturation"):
-        with_measurement_limits(free, arm, np.ones(3))
+    assert "joint_torque_base" in protected(free, arm, np.ones(3))[1]

@@ -111,19 +111,21 @@ BOARD = """
 #include <stdlib.h>
 #include "arm.h"
 static int samples;
-void wait_for_sample(void) { if (samples++ == 50) exit(0); }
+void wait_for_sample(void) { if (samples++ == 130) exit(0); }
 int drives_enabled(void) { return samples > OFF; }
 int read_sensors(arm_real *y) { static const arm_real at[] = {AT}; for (int i = 0; i < 4; ++i) y[i] = at[i]; return 1; }
 void read_command(arm_real *r, arm_real path_rate) { (void)r; (void)path_rate; }
 void drive_motors(const arm_real *u) { printf("%.17g %.17g\\n", u[0], u[1]); }
+arm_real seconds_since_sample(void) { return 0; }
 void report(int code) { (void)code; }
+void refused(int why) { (void)why; }
 void restart_watchdog(void) {}
-void brake(int code) { printf("code %d\\n", code); }
+void brake(int stop) { printf("stop %d\\n", stop); }
 """
 
 
 @pytest.mark.ci("builds the main program of an export")
-@pytest.mark.parametrize(("pose", "off"), [(None, 0), ((-0.7, 0.9), 20)])
+@pytest.mark.parametrize(("pose", "off"), [(None, 0), ((-0.7, 0.9), 80)])
 def test_the_main_program_rests_at_the_start_until_there_is_a_command(
     pose: Any, off: int, compiler: str, sources_of: Callable[..., Path]
 ) -> None:
@@ -138,7 +140,7 @@ def test_the_main_program_rests_at_the_start_until_there_is_a_command(
     said = subprocess.run([folder / "firmware"], capture_output=True, text=True, check=True).stdout
     driven = np.loadtxt(said.splitlines())[off:]
     assert driven == pytest.approx(np.tile(u, (len(driven), 1)), rel=1e-6)
-    assert len(driven) == 50 - off
+    assert len(driven) == 130 - off
 
 
 #: A sketch, a task of FreeRTOS and a timer's interrupt on that board, on this machine: their waits count its samples.
@@ -148,7 +150,7 @@ AROUND = {
 }
 unsigned long micros() { return 1000ul * (unsigned long)(samples - 1); }
 #include "changed.cpp"
-int main() { samples = 1; setup(); for (; samples <= 50; ++samples) loop(); }
+int main() { samples = 1; setup(); for (; samples <= 130; ++samples) loop(); }
 """,
     "arm_freertos.c": """#include "FreeRTOS.h"
 #include "task.h"
@@ -180,7 +182,7 @@ def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled
     folder = sources_of(controller_of("planar-two-link"))
     x, u = robot_of("planar-two-link").operating_point((-0.7, 0.9))
     board = BOARD.replace("AT", ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])).replace(
-        "OFF", "20"
+        "OFF", "80"
     )
     (folder / "board.c").write_text(board)
     subprocess.run([compiler, "-std=c99", "-O0", "-c", "arm.c", "-o", "arm.o"], cwd=folder, check=True)
@@ -193,7 +195,9 @@ def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled
             text = "static unsigned there;\n" + text.replace("int main(", "int of_the_board(")
         if name == "arm.ino":  # the functions of the board are its own
             suffix, words = "cpp", ["g++", "-std=c++17", "-include", "arm.h"]
-            functions = "drives_enabled|read_sensors|read_command|drive_motors|report|restart_watchdog|brake"
+            functions = (
+                "drives_enabled|read_sensors|read_command|drive_motors|report|refused|restart_watchdog|brake"
+            )
             text = text.split("static bool drives_enabled()\n{")[0]
             text = ARDUINO + re.sub(rf"\nstatic \w+ ({functions})\([^\n]*", "", text)
         (folder / f"changed.{suffix}").write_text(text)
@@ -204,9 +208,9 @@ def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled
             check=True,
         )
         said = subprocess.run([folder / "run"], capture_output=True, text=True, check=True).stdout
-        driven = np.loadtxt(said.splitlines())[20:]
+        driven = np.loadtxt(said.splitlines())[80:]
         assert driven == pytest.approx(np.tile(u, (len(driven), 1)), rel=1e-6), name
-        assert len(driven) == 30, name
+        assert len(driven) == 50, name
 
 
 @pytest.mark.ci("an export that others share")

@@ -203,9 +203,11 @@ void read_command(arm_real *r, arm_real path_rate)
     printf("%.17g\\n", r[0]);
 }
 void drive_motors(const arm_real *u) { (void)u; }
+arm_real seconds_since_sample(void) { return 0; }
 void report(int code) { (void)code; }
+void refused(int why) { (void)why; }
 void restart_watchdog(void) {}
-void brake(int code) { printf("code %d\\n", code); }
+void brake(int stop) { printf("stop %d\\n", stop); }
 """
 
 

@@ -152,7 +152,9 @@ class Campaign:
         self.duration = stated.get("duration", DURATION)
         self.options: RunOptions = {"duration": self.duration, **stated}
         tracked = loop.controller.judged
-        self.metrics = chosen_metrics(metrics, bool(tracked), loop.controller.doubts)
+        self.metrics = chosen_metrics(
+            metrics, bool(tracked), loop.controller.doubts, loop.controller.protection is not None
+        )
         self.signals = tuple(tracked if signals is None else signals)
         last = sample_count(self.duration, loop.controller.period) - 1
         self.instants = np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))

@@ -205,6 +205,14 @@ def _doubtful_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
     return {"doubtful_samples": result.doubtful_samples}
 
 
+def _stopped(run: Trajectory) -> dict[str, float]:
+    return {"stop_sample": float(run.told.stop_sample), "stop_reasons": float(run.told.stop_bits)}
+
+
+def _stopped_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
+    return {"stop_sample": result.told.stop_sample, "stop_reasons": result.told.stop_bits}
+
+
 STANDARD_UNITS = {
     "overshoot_percent": "%",
     "settling_time_s": "s",
@@ -220,6 +228,10 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 #: Samples at which the estimate was in doubt, of an estimator that says so: see `flexhinf.Controller.doubtful_samples`.
 DOUBTFUL = Metrics({"doubtful_samples": ""}, _doubtful, _doubtful_in_lanes)
+
+#: The first sample, from 1 on, at which a protective stop would have begun, 0 for none; and why, bits of
+#: `flexhinf.Stop`.
+STOPPED = Metrics({"stop_sample": "", "stop_reasons": ""}, _stopped, _stopped_in_lanes)
 
 
 def known_metric(name: str, known: Sequence[str]) -> str:
@@ -238,10 +250,12 @@ MetricPart: TypeAlias = str | Metrics | Mapping[str, MetricFunction]
 MetricsLike: TypeAlias = MetricPart | Sequence[MetricPart] | None
 
 
-def chosen_metrics(metrics: MetricsLike, tracked: bool, doubts: bool) -> tuple[Metrics, ...]:
+def chosen_metrics(metrics: MetricsLike, tracked: bool, doubts: bool, stops: bool) -> tuple[Metrics, ...]:
     """A campaign's metrics, from names, `Metrics`, functions by name, or a sequence of these; None: the standard
-    ones, where a state is `tracked`, and `DOUBTFUL` where the estimator says when it `doubts`."""
-    possible = (*((STANDARD,) if tracked else ()), *((DOUBTFUL,) if doubts else ()))
+    ones, where a state is `tracked`, `DOUBTFUL` where the estimator says when it `doubts`, and `STOPPED` where the
+    controller's protection says when it `stops`."""
+    flags = zip((STANDARD, DOUBTFUL, STOPPED), (tracked, doubts, stops))
+    possible = tuple(metrics for metrics, there in flags if there)
     if metrics is None:
         return possible
     parts = [metrics] if isinstance(metrics, (Metrics, Mapping, str)) else list(metrics)

@@ -38,7 +38,7 @@ from flexhinf.numerals import number, number_text
 from flexhinf.processors import thread_count
 from flexhinf.validation import checked_path, read_text, value_text
 
-_FORMAT, _VERSION = "flexhinf certificate", 1
+_FORMAT, _VERSION = "flexhinf certificate", 2
 _LARGEST = 8_000_000  # bytes: degree 8 in five states takes 200 kB
 
 
@@ -183,7 +183,7 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
     unknown = sorted(set(entries) - {entry.name for entry in fields(Certificate)})
     for readable, expected, got in (
         (kind == _FORMAT, f"an object with format = {_FORMAT!r}", value_text(kind, 80)),
-        (type(version) is int and version == _VERSION, f"version {_VERSION}", value_text(version, 60)),
+        (type(version) is int and 1 <= version <= _VERSION, f"version {_VERSION}", value_text(version, 60)),
         (not unknown, "known entries", value_text(unknown, 100)),
     ):
         if not readable:
@@ -395,7 +395,7 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         *[f"Parameters, nominal: {', '.join(fixed)}."] * bool(fixed),
         f"Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
         f"Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
-        f"true state{fed}, in continuous time.",
+        f"true state{fed}, in continuous time. Controller: {claim.controller}.",
         f"  R2 = [{'; '.join(' '.join(map(repr, row)) for row in claim.r2)}]",
         *(
             f"  {name} = {_row(polynomial, claim.states, len(polynomial))}"

@@ -32,6 +32,12 @@ MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 
 #: Highest degree of V, and of any other polynomial, that a certificate may have.
 HIGHEST_DEGREE = 10
 
+#: Of which controller a theorem is.
+LAW_ALONE = (
+    "the law alone; the controller as saved acts by it, on an estimate, sampled and late, while no bit of its status "
+    "is set and no input is at its limit"
+)
+
 _LONGEST_LINE = 1000
 
 #: A unit does not begin with a digit, which would continue the number before it; "1/s" does not either.
@@ -338,6 +344,8 @@ class Claim(ClaimPart):
         "state": the law is fed the true state; "output injection observer": also what `observer` estimates.
     observer : Observer or None
         With it, starts are claimed to lie in {V ≤ level − its energy}.
+    controller : str
+        Of which controller the theorem is: `LAW_ALONE`.
     sampled_level, attained_gain : float or None
         The level that sampling found, and a gain that some disturbance attained: no part of the theorem.
     provenance : dict of str to str
@@ -366,6 +374,7 @@ class Claim(ClaimPart):
     starts: Annotated[tuple[Start, ...], Field(max_length=8)] = ()
     feedback: Name = "state"
     observer: Observer | None = None
+    controller: Name = LAW_ALONE
     sampled_level: Double | None = None
     attained_gain: Double | None = None
     provenance: Annotated[dict[Name, Name], Field(max_length=100)] = field(default_factory=dict[str, str])
@@ -402,7 +411,10 @@ class Claim(ClaimPart):
 
     def _check_feedback(self) -> None:
         expected = "state" if self.observer is None else "output injection observer"
-        require((self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60)))
+        require(
+            (self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60)),
+            (self.controller == LAW_ALONE, f"controller {LAW_ALONE!r}", value_text(self.controller, 60)),
+        )
         if (observer := self.observer) is None:
             return
         names = [s.name for s in self.states]

@@ -104,9 +104,11 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     if o.check_measurements and controller.estimator is not None:  # true states are believed
         speeds = None if robot is None or s is None else joint_limits(robot, s).speed
         try:
-            controller = export.with_measurement_limits(controller, robot, speeds)
+            controller, unchecked = export.protected(controller, robot, speeds)
         except InvalidInput as unknown:
-            note(f"No limit checks the measurements. {unknown.what} To have them checked: {unknown.advice}.")
+            unchecked = f"{unknown.what} To have them checked: {unknown.advice}."
+        if unchecked:
+            note(unchecked)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
     stated = {

@@ -44,6 +44,7 @@ from flexhinf.estimation import (
     stationary,
     stationary_covariance,
 )
+from flexhinf.export import protected
 from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Schedule, Step, Supervision
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
@@ -84,6 +85,18 @@ def with_derived(known: Instance, **changes: Any) -> Instance:
     same = replace(known, **changes)
     vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
     return same
+
+
+def deployed(
+    controller: Controller, robot: Robot, s: Specification, options: Mapping[str, object]
+) -> Controller:
+    """A controller for a robot: with its protection, unless one is among the options, or nothing reads its signs."""
+    if "protection" in options or controller.estimator is None or controller.supervision is None:
+        return controller
+    steps = np.broadcast_to(
+        sensor_steps(robot, s.measured, s.quantisation, s.estimator), len(controller.measured)
+    )
+    return protected(controller, robot, joint_limits(robot, s).speed, steps if steps.any() else None)[0]
 
 
 @dataclass(frozen=True, eq=False)

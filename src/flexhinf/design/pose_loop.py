@@ -14,7 +14,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.certify import Certificate
 from flexhinf.design import certification
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopSetup, deployed
 from flexhinf.design.specification import Specification
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller, Trajectory
@@ -50,7 +50,8 @@ class LoopAtPose:
         setup, move = self.setup, self.setup.stated_move
         start = setup.start if move is None else move(0.0)
         pose = np.atleast_1d(np.asarray(start if at is None else at, dtype=float)).ravel()
-        return setup.controller(pose, moving=setup.moves, supervised=True, **options)
+        made = setup.controller(pose, moving=setup.moves, supervised=True, **options)
+        return deployed(made, self.robot, self.specification, options)
 
     def linear(self, at: Numbers = None) -> LinearLoop:
         """About the goal."""

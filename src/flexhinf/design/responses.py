@@ -354,6 +354,9 @@ def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     return np.reshape(plan(0.0), -1), np.reshape(plan(plan.duration), -1)
 
 
+#: How many times the speed limit a command of a drive with its own loop may ask for.
+CLAMPED = 1.5
+
 #: Source of a limit that no option states.
 ROBOT = "the robot's file"
 
@@ -415,6 +418,9 @@ class JointLimits:
     # rate, acceleration: (n,). Largest changes of the inputs that the drives take, per s and per s²
     rate: np.ndarray
     acceleration: np.ndarray
+    # clamp: (n,). Largest speeds that commands of a drive with its own loop may ask for: a controller keeps them, no plan
+    clamp: np.ndarray
+    drive: str
     period: float  # Time between two inputs, s
 
     @property
@@ -426,17 +432,19 @@ class JointLimits:
     def saturated(self) -> np.ndarray | None:
         """Limits (n,) of a controller: those of the motors, and stated peaks below them; None where there is none."""
         limits = self.saturation if self.peak_source == ROBOT else self.effort
+        limits = np.minimum(limits, self.clamp) if self.drive == "velocity" else limits
         return limits if np.isfinite(limits).any() else None
 
     @property
     def input_rate(self) -> np.ndarray | None:
         """Largest rates (n,) of the inputs, which a controller keeps; None where there is none."""
-        return self.rate if self.limits_rate else None
+        rate = np.minimum(self.rate, self.clamp) if self.drive == "position" else self.rate
+        return rate if np.isfinite(rate).any() else None
 
     @property
     def limits_inputs(self) -> bool:
         """Whether a controller has a limit of some input, or of its rate."""
-        return self.saturated is not None or self.limits_rate
+        return self.saturated is not None or self.input_rate is not None
 
     limits_rate = _limited("rate", "Whether the rate of any input has a limit.")
     limits_acceleration = _limited("acceleration", "Whether the acceleration of any input has a limit.")
@@ -571,7 +579,13 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     units = (tuple(signals.UNITS[signal][slides] for slides in robot.links.slides) for signal in drives)
     changes = dict(zip(("rate", "acceleration"), command_limits(robot)))
     ends = kinematics.position_ranges(robot)
-    return JointLimits(joints, *values, *ends, *units, *sources, **changes, period=s.period)
+    turned, speeds = np.abs(robot.layout.matrix), values[2]
+    known = np.where(np.isfinite(speeds), speeds, 0.0)
+    unknown = turned[:, ~np.isfinite(speeds)].any(axis=1)
+    clamp = np.where(unknown, np.inf, CLAMPED * (turned @ known))
+    return JointLimits(
+        joints, *values, *ends, *units, *sources, **changes, clamp=clamp, drive=robot.drive, period=s.period
+    )
 
 
 def integral_dead_zone(joints: Sequence[str], stated: Any, chosen: np.ndarray | None) -> np.ndarray | None:

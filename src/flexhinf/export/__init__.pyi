@@ -14,7 +14,7 @@ from .package import (
     export_c as export_c,
     write_files as write_files,
 )
-from .plausible import with_measurement_limits as with_measurement_limits
+from .protection import protected as protected
 from .realtime import (
     RealTimeRun as RealTimeRun,
     Timing as Timing,

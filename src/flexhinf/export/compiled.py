@@ -29,6 +29,8 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
+from flexhinf.loop.controller.memory import Told
+from flexhinf.loop.controller.stop import Stop
 from flexhinf.validation import (
     checked_path,
     one_of,
@@ -77,7 +79,6 @@ def compile_controller(
 
     from flexhinf.export.controller_c import SOURCES, code_of
     from flexhinf.export.file_list import File, rendered
-    from flexhinf.loop.controller.status import WATCHED
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)
@@ -99,9 +100,9 @@ def compile_controller(
         "status": [
             c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")
         ],
-        "bits": [int(bit) for bit in WATCHED],
+        "bits": [int(bit) for bit in code.flags],
         "rejected": code.rejected,
-        "doubt": code.doubt,
+        "told": Told.places(c.memory.places),
     }
     entry: File[ControllerCode] = File(
         "entry.c",
@@ -297,7 +298,7 @@ class CompiledController:
         self._status_places: list[int | None] = about["status"]
         self._bits = np.array(about["bits"], dtype=float)
         self._rejected_place: int | None = about.get("rejected")
-        self._doubt_place: int | None = about.get("doubt")
+        self._told_places = [(int(row), int(place)) for row, place in about["told"]]
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -307,28 +308,45 @@ class CompiledController:
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
         self._kept = (self._state, self._r, self._u, self.estimate)  # what copies and pickles hold
-        state, y, r, u, estimate = (
+        self._fresh, self._acts, self.stop = (
+            np.zeros(len(self.measured), dtype=np.intc),
+            self._u.copy(),
+            Stop(0),
+        )
+        state, y, fresh, r, u, estimate = (
             ctypes.c_void_p(array.ctypes.data)
-            for array in (self._state, self._y, self._r, self._u, self.estimate)
+            for array in (self._state, self._y, self._fresh, self._r, self._u, self.estimate)
         )
         step, elapsed = self._library.flexhinf_step, ctypes.c_double()
 
         def run(seconds: float, measured: int) -> int:
             elapsed.value = seconds  # of one object: a step allocates none
-            return step(state, y, r, elapsed, measured, u, estimate)
+            return step(state, y, fresh, r, elapsed, measured, u, estimate)
 
         def begin(x: ctypes.c_void_p | None, v: ctypes.c_void_p | None) -> int:
             return self._library.flexhinf_start(state, x, v)
 
-        self._run, self._begin = run, begin
+        acts, reasons = ctypes.c_void_p(self._acts.ctypes.data), ctypes.c_int()
+
+        def decide(code: int) -> tuple[bool, int]:
+            power = self._library.flexhinf_may_act(state, code, acts, ctypes.byref(reasons))
+            return bool(power), reasons.value
+
+        self._run, self._begin, self._decide = run, begin, decide
         self.reset()
 
-    def step(self, y: ArrayLike | None, reference: Numbers = None, elapsed: float = 0.0) -> np.ndarray:
+    def step(
+        self,
+        y: ArrayLike | None,
+        reference: Numbers = None,
+        elapsed: float = 0.0,
+        fresh: ArrayLike | None = None,
+    ) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
 
         Without a command the last one is kept (that of the operating point at first). `elapsed`: s since the step
         before, 0 if that is not known; where its mean over some 32 steps is off by more than a tenth of the period,
-        `code` is "BAD_PERIOD", nothing is computed, and the last input is held.
+        `code` is "BAD_PERIOD", nothing is computed, and the last input is held. `fresh` (p,): as of `Controller.step`.
 
         Raises
         ------
@@ -343,12 +361,26 @@ class CompiledController:
         try:
             if y is not None:
                 self._fill(self._y, y, "measurement", self.measured)
+            self._fresh[:] = 0 if fresh is None else np.asarray(fresh)
             if reference is not None:
                 self._fill(self._r[: len(self.commanded)], reference, "command", self.commanded)
             self.code = self.code_numbers[self._run(elapsed, int(y is not None))]
             return self._u.copy()
         finally:
             self._busy = False
+
+    def may_act(self) -> bool:
+        """As `Controller.may_act`; `output` is what acts."""
+        self._acts[:] = self._u
+        numbers = {name: number for number, name in self.code_numbers.items()}
+        power, reasons = self._decide(numbers[self.code])
+        self.stop = Stop(reasons)
+        return power
+
+    @property
+    def output(self) -> np.ndarray:
+        """The input (m,) that acts after `may_act`."""
+        return self._acts.copy()
 
     def _fill(self, place: np.ndarray, numbers: Numbers, what: str, names: tuple[str, ...]) -> None:
         try:
@@ -363,14 +395,22 @@ class CompiledController:
     @property
     def status(self) -> int:
         """The bits of `Controller.status`: the memory is the first part of the state."""
-        place, doubt = self._status_places[0], self._doubt_place
+        place, doubts = self._status_places[0], [at for row, at in self._told_places if row == 0]
         watched = 0 if place is None else int(self._state[place : place + len(self._bits)] @ self._bits)
-        return watched if doubt is None else watched | int(16.0 * self._state[doubt])
+        return watched | int(16.0 * self._state[doubts[0] - 1]) if doubts else watched
+
+    @property
+    def told(self) -> Told:
+        """As `Controller.told`."""
+        counts = [0.0, 0.0, 0.0]
+        for row, place in self._told_places:
+            counts[row] = float(self._state[place])
+        return Told(*counts)
 
     @property
     def doubtful_samples(self) -> int:
         """As `Controller.doubtful_samples`."""
-        return 0 if self._doubt_place is None else int(self._state[self._doubt_place + 1])
+        return int(self.told.doubtful)
 
     @property
     def rejected(self) -> np.ndarray:
@@ -415,7 +455,7 @@ class CompiledController:
         )
         self._r[: len(self.commanded)] = self._operating_reference
         self.estimate[:] = 0.0
-        self.code = "OK"
+        self.code, self.stop = "OK", Stop(0)
 
     # Copies and pickles: the library's path, and what is remembered ---------------------------------------
     def __getstate__(self) -> _Copied:

@@ -10,12 +10,12 @@ The step is the program that `Controller.step` compiles, with the same rules for
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from markupsafe import Markup
@@ -57,10 +57,23 @@ from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.export.places import Places
 from flexhinf.export.rendering import names_in
 from flexhinf.loop import Controller, Status
-from flexhinf.loop.controller.measured import plausible
-from flexhinf.loop.controller.memory import SPACING, step_program
+from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
-from flexhinf.loop.controller.status import possible_status
+from flexhinf.loop.controller.protection import LOOK, STOPS
+from flexhinf.loop.controller.readings import Readings, believed_readings
+from flexhinf.loop.controller.signs import PAUSES as TOO_MANY
+from flexhinf.loop.controller.signs import SIGNS
+from flexhinf.loop.controller.slowing import voters_of
+from flexhinf.loop.controller.status import WATCHED, possible_status
+from flexhinf.loop.controller.stop import (
+    FAILED,
+    Stop,
+    StopState,
+    decided,
+    first_stop,
+    stop_numbers,
+    stop_size,
+)
 from flexhinf.plant import known, rcond_limit
 from flexhinf.plant.joints import standstill_function
 from flexhinf.scalars import drop_empty, maximum, trace
@@ -77,7 +90,7 @@ if TYPE_CHECKING:
 LANES = 8
 
 #: Integers of a state beside those of each measurement, and the bytes of one.
-INTEGERS, INTEGER_BYTES = 7, 4
+INTEGERS, INTEGER_BYTES = 8, 4
 
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
@@ -99,6 +112,8 @@ STATUS = (
     "the estimate is in doubt: rounding may move it by over 0.001 of its standard deviation, or it was repaired",
     "a tracked position is far from its command",
     "something blocks a joint that is far from its command, by more than the model explains; it lets go",
+    "the frame of measurements is a repeated one, which counts as missing",
+    *(STOPS[name] for name in SIGNS),
 )
 NEVER = "always 0 here, not watched"
 
@@ -156,6 +171,7 @@ class ControllerCode:
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
         own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"] + 1
+        own += stop_size(self.sizes["u"]) + self.sizes["y"]
         numbers = (own + max(1, self.scratch) + self.translator.room) * real.bytes
         integers = INTEGER_BYTES * (INTEGERS + self.sizes["y"])
         self.state_bytes = -(-(numbers + integers) // real.bytes) * real.bytes
@@ -275,8 +291,9 @@ class ControllerCode:
             "c": self.controller,
             "period_text": f"{self.controller.period:g}",
             "missing": self.missing,
+            "stop_size": stop_size(self.sizes["u"]),
             "spacing": SPACING,
-            "longest_unseen": MISSING_LIMIT,
+            "longest_unseen": self.longest_unseen,
         }
 
     def _files(self, digest: str) -> dict[str, str]:
@@ -300,6 +317,11 @@ class ControllerCode:
         return {
             "signals": signals,
             "parameters": self.places.parameters(),
+            "look": f"{LOOK:g}",
+            "checkable": self.is_checkable,
+            "stops": [
+                (self.upper(f"STOP_{stop.name}"), stop.value, STOPS[str(stop.name).lower()]) for stop in Stop
+            ],
             "columns": self.translator.room,
             "sixteen": Markup(SIXTEEN),
             "codes": [(self.upper(name), code.value, code.meaning) for name, code in self.codes.items()],
@@ -319,27 +341,145 @@ class ControllerCode:
             "origin": origin_facts(self.controller, self.origin),
             "defaults": Markup(default_lines(self.controller, self.defaults, self.real)),
             "initial": Markup(number_lines(memory, self.initial_memory, self.real, MEMORY)),
-            "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, self.missing),
+            "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, self.whole_numbers),
+            **self._stopping,
+            "start": self._starting,
+            "checkable": self.is_checkable,
             "range_rows": range_rows,
             "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
             "holding": holding,
             "standstill": standstill,
             "plausible": plausible,
+            "pause": PAUSES,
+            "pauses": TOO_MANY,
+            **self._pausing,
+            "pairs": len(self.controller.mode.protected.pairs) if self.controller.mode.protected else 0,
+            "flags": [self.upper(str(bit.name)) for bit in self.flags],
             "functions": Markup(self.translator),
         }
 
     @property
+    def _pausing(self) -> dict[str, object]:
+        """What a long pause of the loop changes, of a controller with a protection."""
+        protection = self.controller.protection
+        if protection is None:
+            return {}
+        pausing = protection.pausing(self.controller.period)
+        return {"pausing": pausing._replace(free=-pausing.free)}
+
+    @property
     def _plausible(self) -> str:
         """The function that says whether something plausible is measured; "" without limits of measurements."""
-        c, p = self.controller, self.sizes["y"]
+        c = self.controller
         if not c.mode.checks_measurements or c.estimator is None:
             return ""
-        turns = c.estimator.plant.angle_places(c.estimator.plant.outputs)
+        plant, kind = c.estimator.plant, cast("Callable[..., Any]", type(c.estimator.initial))
+        turns = plant.angle_places(plant.outputs)
 
-        def some(y: Elements, seen: Elements, *limits: Elements) -> Elements:
-            return np.array([reduce(maximum, known(plausible(turns, y, seen.reshape(3, p), *limits)[0]))])
+        def some(y: Elements, memory: Elements, data: Elements) -> Elements:
+            kept, d = c.memory.named(memory), c.data.named(data)
+            acted = kept.queue[-1] if c.mode.latency else kept.u
+            predicted = plant.evaluate_output(kind(*kept.belief).mean, acted, d.parameters)
+            limits = d.measurement_lower, d.measurement_upper, d.measurement_rate, d.reading_steps
+            found = believed_readings(
+                turns, y, predicted, kept.readings, d.period, *limits, d.reading_windows
+            )
+            return np.array([reduce(maximum, known(found[0]))])
 
-        return self.translator.function(trace(some, p, 3 * p, 1, p, p, p, name="plausible"))
+        sizes = self.sizes["y"], self.sizes["memory"], self.sizes["data"]
+        return self.translator.function(trace(some, *sizes, name="plausible"))
+
+    @property
+    def whole_numbers(self) -> tuple[int, int, int]:
+        """How many measurements may be missing in a row, the bits of what stops the robot, and the category of that
+        stop."""
+        protection = self.controller.protection
+        stop_on = tuple(STOPS) if protection is None else protection.stop_on
+        bits = sum(Stop[name.upper()] for name in stop_on)
+        return self.missing, int(bits), 0 if protection is None else protection.category
+
+    @property
+    def longest_unseen(self) -> int:
+        """Samples for which one sensor may be missing."""
+        protection = self.controller.protection
+        return MISSING_LIMIT if protection is None else protection.longest_unseen
+
+    @property
+    def stop_text(self) -> str:
+        """What acts without power, for a header."""
+        protection = self.controller.protection
+        held = protection is not None and protection.drive == "position"
+        return "the last one" if held else "0 as far as its limits allow"
+
+    @property
+    def is_checkable(self) -> bool:
+        """Whether each motor's encoder has a second reading that tells whether its place is true."""
+        watch = self.controller.mode.protected
+        return watch is not None and bool(watch.pairs) and not watch.alone
+
+    @property
+    def _starting(self) -> dict[str, object]:
+        """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
+        model at rest at the measured links."""
+        c, protection, watch = self.controller, self.controller.protection, self.controller.mode.protected
+        samples = 1 + max(1, round(LOOK / c.period))
+        if protection is None or watch is None:
+            return {"samples": samples, "pairs": ()}
+        states, links = list(self.signals["X"]), [list(c.measured).index(name) for name in protection.links]
+        pairs = list[dict[str, object]]()
+        for j, pair in enumerate(watch.pairs if links and self.standstill is not None else ()):
+            terms = [(constant(protection.shares[row][j], self.real), place) for place, row in pair.links]
+            model = [f"{share} * rest[{states.index(c.measured[place])}]" for share, place in terms]
+            seen = [f"{share} * y[{place}]" for share, place in terms]
+            pairs.append({
+                "measured": Markup(" - ".join([f"y[{pair.motor}]", *seen])),
+                "model": Markup(" - ".join([f"rest[{states.index(c.measured[pair.motor])}]", *model])),
+                "most": Markup(constant(protection.twist_at_start[j], self.real)),
+            })  # fmt: skip
+        moved = Markup(", ".join(constant(way, self.real) for way in protection.moved_at_start))
+        return {"samples": samples, "pairs": pairs, "links": links, "moved": moved}
+
+    @property
+    def _stopping(self) -> dict[str, object]:
+        """What ``NAME_may_act`` consists of."""
+        c = self.controller
+        drive, numbers = stop_numbers(c)
+        first = first_stop(np.asarray(c.input_before()))
+        sizes, m = [np.size(part) for part in first], self.sizes["u"]
+        ends = np.cumsum(sizes).tolist()
+
+        def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
+            flags, u, hold, readings, category, data = others
+            table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
+            limits = c.data.named(data)
+            parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
+            now = numbers._replace(lower=limits.lower, upper=limits.upper)
+            acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
+            return acts, np.concatenate(after)
+
+        readings = c.memory.places.get("readings", slice(0, 1))
+        count = readings.stop - readings.start
+        traced = trace(decide, ends[-1], len(Stop), m, m, count, 1, self.sizes["data"], name="decided")
+        _, stop_on, category = self.whole_numbers
+        return {
+            "stop_size": ends[-1],
+            "stop_last": ends[3],
+            "initial_stop": self.numbers(np.concatenate(first)),
+            "stop_on": stop_on,
+            "category": category,
+            "reasons": list(Stop),
+            "fails": Markup(
+                " || ".join(f"code == {self.upper(name)}" for name in FAILED if name in self.codes)
+            ),
+            "signs": len(SIGNS) if c.protection else 0,
+            "decided": self.translator.function(traced),
+        }
+
+    @property
+    def flags(self) -> tuple[Status, ...]:
+        """Bits of the status in the order of their flags in the memory."""
+        place = self.controller.memory.places.get("status", slice(0))
+        return WATCHED[: place.stop - (place.start or 0)]
 
     @property
     def able(self) -> Status:

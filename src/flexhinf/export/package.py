@@ -31,6 +31,7 @@ from flexhinf.export.self_test import EVERY, VECTOR, Tested, tested
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
+from flexhinf.loop.controller.protection import LOOK
 from flexhinf.plant.joints import joint_places
 from flexhinf.validation import checked_path
 
@@ -63,7 +64,7 @@ class Export(Tested):
 def _drives(export: Export) -> Mapping[str, object]:
     """What main.c and the templates know of drives."""
     text, home = export.home
-    return {"home": {"text": text, "numbers": home}, **_begin_here(export.code)}
+    return {"home": {"text": text, "numbers": home}, "look": f"{LOOK:g}", **_begin_here(export.code)}
 
 
 def _ros2(export: Export) -> Mapping[str, object]:

@@ -10,7 +10,7 @@ A limit may be made narrower, and a rate slower. Every other number is that of t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from flexhinf.codegen.c import Real, constant
 from flexhinf.loop import Controller
+from flexhinf.loop.controller.stop import Stop
 from flexhinf.plant.parameters import ParameterTable
 
 if TYPE_CHECKING:
@@ -44,14 +45,17 @@ class Range(NamedTuple):
 
 
 def ranges(
-    controller: Controller, numbers: np.ndarray, robot: Robot | None, oldest: float, missing: int
+    controller: Controller, numbers: np.ndarray, robot: Robot | None, oldest: float, whole: Sequence[int]
 ) -> list[Range]:
-    """Ranges of those numbers of a controller that have one, in the order of their places; the last two are
-    those of the oldest measurement and of how many may be missing."""
+    """Ranges of those numbers of a controller that have one, in the order of their places; the last are those of the
+    oldest measurement and of the `whole` numbers: how many may be missing, what stops the robot, and the category of
+    that stop."""
     rows = [*_limits(controller, numbers), *_noise(controller, numbers), *_model(controller, robot)]
     end = controller.data.size
+    missing, stop_on, _ = whole
     ages = [Range(end + k, -1, 0.0, np.inf, 0.0, float(most)) for k, most in enumerate((oldest, missing))]
-    return sorted(rows) + ages
+    stops = Range(end + 2, -1, 0.0, float(max(Stop) * 2 - 1), float(stop_on), float(stop_on))
+    return [*sorted(rows), *ages, stops, Range(end + 3, -1, 0.0, 2.0, 0.0, 2.0)]
 
 
 def _limits(controller: Controller, numbers: np.ndarray) -> Iterator[Range]:

@@ -29,11 +29,11 @@ Row = tuple[str, int, str]
 
 def _rows(name: str, place: slice) -> list[tuple[str, int, int, str]]:
     """Name, begin, size and comment of each row of a part that is a table."""
-    rows = ROWS.get(name, {})
+    rows = list(ROWS.get(name, {}).items())[
+        : place.stop - place.start
+    ]  # of a status, the first ones may be all
     size = (place.stop - place.start) // max(1, len(rows))
-    return [
-        (f"{name}_{row}", place.start + k * size, size, text) for k, (row, text) in enumerate(rows.items())
-    ]
+    return [(f"{name}_{row}", place.start + k * size, size, text) for k, (row, text) in enumerate(rows)]
 
 
 class Places:
@@ -65,7 +65,7 @@ class Places:
     def rejected(self) -> int | None:
         """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
         if self.controller.mode.checks_measurements:
-            return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
+            return self.controller.memory.places["readings"].start + 2 * self.sizes["y"]
         return self._of_belief("rejected")
 
     def _at(self, part: str) -> str:

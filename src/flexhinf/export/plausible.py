@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Controller
 
 if TYPE_CHECKING:
@@ -62,32 +61,22 @@ class Ranges(NamedTuple):
         }[quantity]
 
 
-def with_measurement_limits(
-    controller: Controller, robot: Robot | None, speeds: np.ndarray | None = None
-) -> Controller:
-    """The same controller, for which a measurement that is not plausible is missing.
+def measurement_limits(
+    controller: Controller, robot: Robot, speeds: np.ndarray | None = None
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], str]:
+    """Least and largest measurements and their largest rates (p,), infinite where nothing says them; and which signals
+    are not checked, with what to state, or "".
 
-    There is room for `NOISE` standard deviations of the estimator's measurement noise. One that has limits of
-    measurements keeps them.
+    There is room for `NOISE` standard deviations of the estimator's measurement noise.
 
     Parameters
     ----------
+    controller : Controller
+        With an estimator.
     speeds : (n,) array, optional
         Largest speeds of the links, rad/s or m/s, infinite for none; those of the robot by default.
-
-    Raises InvalidInput: without a robot or an estimator; or a position has no limit of its speed, or another signal no
-    range.
     """
-    estimator = controller.estimator
-    if controller.measurement_limits is not None:
-        return controller
-    if robot is None or estimator is None:
-        raise InvalidInput(
-            "Nothing says which measurements are plausible.",
-            f"expected an estimator and a robot file, got {'no estimator' if estimator is None else 'no robot'}",
-            "a design in the place of its controller's file, with limits and speed_limit = 4.0 in its robot file; "
-            f"{IN_PYTHON}",
-        )
+    assert controller.estimator is not None
     sensors, joints = _sensors(controller.measured, robot), _joints(controller, robot, speeds)
     rows = [joints[sensor[1]].of(sensor[0]) if sensor else (-np.inf, np.inf, np.inf) for sensor in sensors]
     unchecked = [
@@ -95,18 +84,15 @@ def with_measurement_limits(
         for name, sensor, (_, high, rate) in zip(controller.measured, sensors, rows, strict=True)
         if np.isinf(rate if sensor and "position" in sensor[0] else high)
     ]
-    names = ", ".join(name for name, _ in unchecked)
-    refuse_if(
-        unchecked,
-        f"Nothing says which values of {names} are plausible.",
-        f"expected a largest speed of every joint that is measured, and the largest input where a torque is; the robot "
-        f"file of {robot.name!r} and the design state none, and none follows of a voltage and a back-EMF",
-        _advice(robot, [sensor for _, sensor in unchecked if sensor]),
-    )
-    noise = NOISE * np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise)))
+    noise = NOISE * np.sqrt(np.diag(np.atleast_2d(controller.estimator.measurement_noise)))
     lower, upper, rate = np.transpose(rows)
     rate = rate + np.sqrt(2.0) * noise / controller.period
-    return controller.fresh(measurement_limits=(lower - noise, upper + noise, rate))
+    text = ""
+    if unchecked:
+        names = ", ".join(name for name, _ in unchecked)
+        text = f"Nothing says which values of {names} are plausible. To have them checked: "
+        text += _advice(robot, [sensor for _, sensor in unchecked if sensor])
+    return (lower - noise, upper + noise, rate), text
 
 
 #: What helps whatever is missing.

@@ -41,6 +41,7 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop.controller.memory import Told
 from flexhinf.loop.signals.references import SignalLike
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
@@ -319,7 +320,7 @@ class _Clock:
 
     estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
     path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
-    doubtful_samples: int = property(attrgetter("_stepped.doubtful_samples"))  # pyright: ignore[reportAssignmentType]
+    told: Told = property(attrgetter("_stepped.told"))  # pyright: ignore[reportAssignmentType]
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""

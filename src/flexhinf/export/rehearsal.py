@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
+from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
 from flexhinf.export.recording import Recording, history_of
 from flexhinf.loop.controller.options import holding_function
@@ -144,17 +144,15 @@ FINE, BEYOND, NOT_PHYSICAL = 0, 1, 2
 
 def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
     """Place, value and what the check of parameters says, of numbers changed alone: those with a range first."""
-    numbers = np.append(code.defaults, [code.oldest, MISSING_LIMIT if code.predicts else 0.0])
-    missing = int(numbers[-1])
-    rows = {
-        row.place: row for row in ranges(code.controller, code.defaults, code.robot, code.oldest, missing)
-    }
+    whole = code.whole_numbers
+    numbers = np.concatenate([code.defaults, [code.oldest], whole])
+    rows = {row.place: row for row in ranges(code.controller, code.defaults, code.robot, code.oldest, whole)}
     fixed = [place for place in range(len(numbers)) if place not in rows]
     chosen = [*_some(sorted(rows), MOST_TRIED // 2), *_some(fixed, MOST_TRIED // 2)]
     kind = code.real.kind
     found: list[tuple[int, float, int]] = []
     for place in chosen:
-        if place == len(numbers) - 1:  # an integer
+        if place >= len(numbers) - len(whole):  # an integer
             values = [numbers[place] - 1.0, numbers[place] + 1.0, 0.0, -1.0]
         else:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0

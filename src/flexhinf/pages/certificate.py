@@ -175,7 +175,7 @@ def _parts_text(claim: Certificate) -> str:
 
 def _missing_text(claim: Certificate) -> str:
     beyond = ", beyond the budget" if claim.is_gradient_law else ""
-    return f"Estimator, sampling, hold, delay, limits and noise{beyond}. {NO_LATENCY}"
+    return f"Estimator, sampling, hold, delay, limits and noise{beyond}. {NO_LATENCY} It is of {claim.controller}."
 
 
 # Numbers --------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim
-from flexhinf.design.workspace.proof import PairVerdict, proved_errors
+from flexhinf.design.workspace.proof import PairVerdict, of_controller, proved_errors
 from flexhinf.modal.pair_errors import EXACT, Errors, Sector
 from flexhinf.numerals import at_least, number
 from flexhinf.pages.drawing import count_text
@@ -31,7 +31,8 @@ def pair_text(verdict: PairVerdict) -> str:
         f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
         f"{errors_text(proved_errors(found))}, with {latency} of latency and {filter} of the file"
         f"{delay_text(found, verdict.claim.period)}, for motors {unlike_text(found) or 'that are alike'}, in "
-        f"{count_text(found.intervals, 'interval')}. {arm}{_checked_moves_text(verdict.moves)}"
+        f"{count_text(found.intervals, 'interval')}. It is of {of_controller(verdict.claim.seen is not None)}. "
+        f"{arm}{_checked_moves_text(verdict.moves)}"
     )
 
 

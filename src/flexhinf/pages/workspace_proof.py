@@ -14,8 +14,10 @@ from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.moves import ProvedMoves
 from flexhinf.design.workspace.proof import (
     RANGE_POSES,
+    VERSION,
     WorkspaceProof,
     modal_filter,
+    of_controller,
 )
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -40,6 +42,9 @@ from flexhinf.report import (
     Table,
     finite,
 )
+
+#: The last sentence of what is proved: of which controller.
+WHILE = "It is of the controller as saved, while no bit of its status is set."
 
 #: What the section about tolerance begins with.
 PAIRS = (
@@ -146,7 +151,7 @@ def stability_text(setup: WorkspaceSetup, proved: ProvedRange) -> str:
     up_to = "" if proved.high >= high else f", its vibrations up to {number(np.sqrt(proved.high), 3)} rad/s"
     return (
         "Only this is proved: without gravity, with equal motors, springs without damping and no dry friction, "
-        f"small motions about rest are stable{up_to}, with {_loop_text(setup)}."
+        f"small motions about rest are stable{up_to}, with {_loop_text(setup)}. {WHILE}"
     )
 
 
@@ -201,7 +206,13 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
         "input",
         f"the sampled loop with {_loop_text(setup)}{delay_text(checked, setup.specification.period)}, and exact motion "
         "between the samples; no other delay",
+        f"{_controller(proof)}: then nothing else acts, and no joint is far from its command",
     )
+
+
+def _controller(proof: WorkspaceProof) -> str:
+    """Of which controller a proof is."""
+    return of_controller(modal_filter(proof.setup) is not None)
 
 
 def motions(proof: WorkspaceProof) -> str:
@@ -260,7 +271,7 @@ def proof_text(proof: WorkspaceProof) -> str:
         alone = f"without {without} " if without else ""
         return (
             f"Not proved for any error: {alone}small motions about rest are proved to be stable with the model's own "
-            "masses."
+            f"masses. {WHILE}"
         )
     head = f"Not proved with {without}. Without, it is proved" if without else "Proved"
     proved, inside = errors_text(proof.errors), proof.poses_inside
@@ -268,11 +279,11 @@ def proof_text(proof: WorkspaceProof) -> str:
     by_errors = 0 < stated.poses < inside == RANGE_POSES
     where = where or f"at {stated.poses if by_errors else f'{inside} of {RANGE_POSES}'} sampled poses"
     if not stated.of_tolerances.errors.largest:
-        return f"{head} for {proved}; the file states no tolerance of masses, payloads or springs."
+        return f"{head} for {proved}; the file states no tolerance of masses, payloads or springs. {WHILE}"
     if proof.is_stated:
         return (
             f"{head} for the file's tolerances of masses, payloads and springs, {where}: they make "
-            f"{errors_text(file_errors, True)}, and {motions(proof)} about rest are stable with {proved}."
+            f"{errors_text(file_errors, True)}, and {motions(proof)} about rest are stable with {proved}. {WHILE}"
         )
     tolerated, needed, which = min(
         zip(proof.errors.numbers, stated.of_tolerances.errors.numbers, KINDS),
@@ -281,7 +292,7 @@ def proof_text(proof: WorkspaceProof) -> str:
     return (
         f"Not proved for the file's tolerances: tolerance {number(100.0 * tolerated, 3)} % below the file's "
         f"{number(100.0 * needed, 3)} %, of {which} ({where}). "
-        f"Proved{f', without {without},' if without else ''} is stability with {proved}."
+        f"Proved{f', without {without},' if without else ''} is stability with {proved}. {WHILE}"
     )
 
 
@@ -523,10 +534,11 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
-        "version": 6,
+        "version": VERSION,
         "kind": "workspace",
         "robot": proof.setup.robot.name,
         "text": proof_text(proof),
+        "controller": _controller(proof),
         "hypotheses": [f"{k}. {text}" for k, text in enumerate(hypotheses(proof), 1)],
         "largest": None if proof.largest is None else finite(proof.largest._asdict()),
         "proved": None if checked is None else finite(checked._asdict()),

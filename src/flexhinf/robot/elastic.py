@@ -41,6 +41,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,7 @@ from flexhinf.robot.gears import (
     curve_softness,
     curve_torque,
     curve_twist,
+    over_stiffness,
     tooth_error,
     tooth_ripple,
 )
@@ -211,6 +213,16 @@ def stated_friction(parameters: Any) -> tuple[str, ...]:
 def stated_curve(parameters: Any) -> tuple[str, ...]:
     """The switch of the stiffness curve, of a robot with one, by its plant's parameters."""
     return ("stiffness_curve",) if CURVE[0] in parameters else ()
+
+
+def stated_curves(parameters: Any, layout: Layout) -> list[list[float]] | None:
+    """Curves of the springs of all joints (5, n), over the stiffness of straight ones, see `over_stiffness`, by a
+    plant's parameters; None of a robot without one."""
+    if not stated_curve(parameters):
+        return None
+    table = np.ones((len(CURVE), layout.n))
+    table[:, layout.elastic] = over_stiffness(SimpleNamespace(**parameters))
+    return table.tolist()
 
 
 def stated_teeth(parameters: Any) -> tuple[str, ...]:

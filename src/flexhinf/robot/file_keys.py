@@ -381,6 +381,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "effort_limit": _POSITIVE._replace(units=_EFFORT),
         "link": Key(_table, inside="link"),
         "rigid": Key(usable=_is_flag, expected="true or false", default=False),
+        "brakes": Key(usable=_is_flag, expected="true or false", default=False),
         "coupling": Key(_shares),
         "spring": Key(_spring, inside="spring"),
         "motor": Key(_table, inside="motor", default={}),

@@ -82,6 +82,12 @@ def curve_twist(torque: Any, p: Any) -> Elements:
     return one * torque + (two - one) * beyond[0] + (three - two) * beyond[1]
 
 
+def over_stiffness(p: Any) -> np.ndarray:
+    """Numbers of curves (5, e), over the stiffness K of straight springs: K₁/K, K₂/K and K₃/K, and the twists T₁/K and
+    T₂/K, rad or m, of these springs at the corners."""
+    return np.array([np.atleast_1d(getattr(p, name)) for name in CURVE]) / p.stiffness
+
+
 def curve_softness(torque: Any, p: Any) -> Elements:
     """dδ/dT at a torque on any element, rad/(N·m) or m/N: the inverse of the slope there."""
     one, two, three = (1.0 / slope for slope in (p.first_stiffness, p.second_stiffness, p.third_stiffness))

@@ -69,6 +69,7 @@ from flexhinf.validation import (
     one_of,
     real_array,
     real_number,
+    value_text,
 )
 
 
@@ -102,6 +103,8 @@ class Robot(Pictured):
         least is elastic.
     coupling : (n, n), optional
         T of θ = T q, where motors move more than their own joints; see `flexhinf.robot.layout`.
+    brakes : (n,) bool, optional
+        Whether a joint has a brake that closes without power; by default none has. It says how a protective stop ends.
     sensors : sequence of JointSensor, optional
         The sensors that the robot has, with their steps and noise. Without any, a design may measure whatever it names.
     file, reader : Path and function, optional
@@ -130,6 +133,7 @@ class Robot(Pictured):
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
     coupling: Sequence[Sequence[float]] = ()
+    brakes: Sequence[bool] = ()
     sensors: Sequence[JointSensor] = ()
     drive_delay: float = 0.0
     drive_period: float = 0.0
@@ -167,6 +171,14 @@ class Robot(Pictured):
             self, "coupling", checked_coupling(self.name, self.coupling, self.joint_names, self.rigid)
         )
         check_sensors(self.name, self.sensors, self.joint_names, self.rigid)
+        brakes: tuple[object, ...] = tuple(self.brakes) or (False,) * len(self.joint_names)
+        refuse_if(
+            len(brakes) != len(self.joint_names) or not all(type(brake) is bool for brake in brakes),
+            f"The brakes of the robot {self.name!r} do not fit its joints.",
+            f"expected True or False for each of {list(self.joint_names)}, got {value_text(self.brakes)}",
+            "brakes=() for a robot without any; in a robot file brakes = true of a [[joint]]",
+        )
+        object.__setattr__(self, "brakes", brakes)
         names = [parameter.name for parameter in self.parameters]
         needed = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names, self.rigid))
         missing = [name for name in needed if name not in names]

@@ -298,6 +298,7 @@ class RobotFile:
             "gravity": self._number(table["gravity"], "gravity") if "gravity" in table else fall,
             "effort_limits": [row.get("effort_limit", other) for row, other in zip(rows, efforts or nothing)],
             "speed_limits": [row.get("speed_limit", other) for row, other in zip(rows, speeds or nothing)],
+            "brakes": [row["brakes"] for row in rows],
         }
 
     def _finished(

@@ -183,15 +183,15 @@ def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> 
             r = np.concatenate([rng.uniform(lower, upper), np.zeros(4)])
         seen = np.where(rng.random(2) < 0.3, seen, seen + 0.3 * (shown[:2] - seen))
         seen = seen if k % 700 else rng.uniform(lower, upper)
-        before = shown
+        before, behind = shown, np.abs(shown[:2] - seen) - distance
         shown, far, _ = governed(
-            tracked, places, (), np.append(seen, [0.0, 0.0]), shown[:4], r, r, before, far, np.ones(1), [PERIOD],
-            numbers,
+            tracked, places, (), *2 * [np.append(seen, [0.0, 0.0])], r, r, before, far, np.ones(1), [PERIOD], numbers,
         )  # fmt: skip
         assert np.all(far[np.abs(r[:2] - seen) > distance] == 1.0)
         moved = far == 1.0
         apart = np.abs(shown[:2] - seen) - distance
-        assert np.all(apart[moved] < 1e-12)
+        # A joint that jumps is followed at the largest speed.
+        assert np.all(apart[moved] < np.maximum(behind - PERIOD * most, 0.0)[moved] + 1e-12)
         assert np.all(np.abs(shown[2:4]) <= most + 1e-12)
         smooth = moved & (before[2:4] != r[2:4])
         assert np.all(np.abs(shown[2:4] - before[2:4])[smooth] <= PERIOD * gain[smooth] * (1.0 + 1e-9))
@@ -397,7 +397,7 @@ def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:
 
 def test_what_resists_a_joint_is_seen_in_its_velocity_in_the_estimate() -> None:
     own, estimator = (5, 3, 4, 2), SimpleNamespace()
-    places, seen, _ = replace(BACK, resistance=[20.0, 20.0]).places(law(), True, None, own, estimator)  # type: ignore[arg-type]
+    places, seen, *_ = replace(BACK, resistance=[20.0, 20.0]).places(law(), True, None, own, estimator)  # type: ignore[arg-type]
     names = [[STATES[place] for place in row[:2]] for row in places]
     assert names == [[f"link_{kind}_{joint}" for kind in ("position", "velocity")] for joint in "ab"]
     assert seen == tuple(own[STATES.index(f"link_velocity_{joint}")] for joint in "ab")

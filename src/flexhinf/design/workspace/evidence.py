@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.analysis import LinearLoop
 from flexhinf.arrays import Numbers
 from flexhinf.design.judged import Judged
+from flexhinf.design.loop_setup import deployed
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move, Response
 from flexhinf.design.specification import Specification
@@ -44,9 +45,11 @@ class LoopOverWorkspace:
 
     def controller(self, at: Numbers = None, **options: Any) -> Controller:
         """It follows references that come with states and inputs, such as `Moving`; the same one serves every pose. By
-        default ``offset_time`` is `OFFSET_TIME`, and ``supervision`` that of the setup, which brakes along the path."""
+        default ``offset_time`` is `OFFSET_TIME`, ``supervision`` that of the setup, which brakes along the path, and
+        ``protection`` that of the robot, see `flexhinf.export.protected`."""
         own: dict[str, Any] = {"supervision": self.setup.supervision, **options}
-        return self.setup.controller(self._pose(at), **own)
+        made = self.setup.controller(self._pose(at), **own)
+        return deployed(made, self.setup.robot, self.setup.specification, options)
 
     def linear(self, at: Numbers = None) -> LinearLoop:
         """At rest at a pose."""

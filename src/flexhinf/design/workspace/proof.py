@@ -41,6 +41,14 @@ from flexhinf.robot.file_keys import is_dict
 #: λ at which a report computes a tolerance.
 REPORTED = 12
 
+#: Version of a proof.json; the entries of one.
+VERSION = 7
+ENTRIES = (
+    "version", "kind", "robot", "text", "controller", "hypotheses", "largest", "proved", "stated", "computed",
+    "unstable", "unstable_springs", "stable", "latency", "unknown_delay", "estimator", "weights", "random_torques",
+    "pairs", "everywhere", "arm", "moves", "moving", "speeds",
+)  # fmt: skip
+
 #: How a checker has its intervals checked.
 _AT_ONCE = partial(shared_out, compiles=False)
 
@@ -371,6 +379,15 @@ def stored_proof(path: Path) -> Mapping[str, Any] | None:
     return numbers if is_dict(numbers) and numbers.get("kind") == "workspace" else None
 
 
+def of_controller(estimates: bool) -> str:
+    """Of which controller everything is proved, with an estimator or without, and while what holds."""
+    own = "its law with its estimator" if estimates else "its law"
+    return (
+        f"the controller as saved, {own}, while no bit of its status is set, no input is at its limit and no "
+        "measurement is refused"
+    )
+
+
 def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     """The check of the pairs of a proof.json, and of nothing else in it; InvalidInput where they cannot be read."""
     pairs = numbers.get("pairs")
@@ -381,6 +398,7 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     if isinstance(found, int):
         return PairVerdict(claim, failed=(float(claim.links[found]), float(claim.links[found + 1])))
     beyond = _beyond(numbers.get("proved"), found) or _later(numbers.get("unknown_delay", 0.0), found)
+    beyond = beyond or _of_another(numbers, of_controller(claim.seen is not None))
     arm, body, moves = None, None, None
     if is_dict(own := numbers.get("arm")):
         body = arm_claim(own)
@@ -407,6 +425,16 @@ def pair_verdict(numbers: Mapping[str, Any]) -> PairVerdict:
     if stated is not None and (moves is None or stated != moves[1]._asdict()):
         beyond = beyond or "of its moves something else"
     return PairVerdict(claim, found, beyond=beyond, arm=arm, moves=moves)
+
+
+def _of_another(numbers: Mapping[str, Any], controller: str) -> str:
+    """What a file says of another controller than that of its pairs, or under names that no proof has; files before
+    version 7 name no controller."""
+    unknown = sorted(set(numbers) - set(ENTRIES))
+    older = numbers.get("version") in range(1, VERSION) and "controller" not in numbers
+    if unknown:
+        return f"{unknown[0][:40]!r}"
+    return "" if older or numbers.get("controller") == controller else "of its controller something else"
 
 
 def _is_single_joint(arm: CheckedArm | None, found: CheckedPairs) -> bool:

@@ -36,6 +36,7 @@ from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypo
 from flexhinf.loop.controller.governor import HEARD
 from flexhinf.modal import ModalLaw, PairGains
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import stated_curves
 from flexhinf.robot.parameters import PlantValues, random_signs
 from flexhinf.robot.workspace import Workspace
 
@@ -257,10 +258,9 @@ class WorkspaceSetup(LoopPlants):
         speed, space = BACK * self._speed, self.workspace
         distance = np.clip(FAR_TIME * self._speed, *np.multiply.outer(FAR, self._radian))
         rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
-        most = None if self.resistance is None else self.resistance.tolist()
-        return Governor(
-            *(row.tolist() for row in rows), resistance=most, coupling=self.robot.coupling or None
-        )
+        own: dict[str, Any] = {"resistance": None if self.resistance is None else self.resistance.tolist()}
+        own["curves"] = stated_curves(self.robot.plant_parameters(), self.robot.layout)
+        return Governor(*(row.tolist() for row in rows), coupling=self.robot.coupling or None, **own)
 
     @cached_property
     def resistance(self) -> np.ndarray | None:

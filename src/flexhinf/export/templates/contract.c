@@ -709,7 +709,8 @@ static void checks(void)
         } else if (tried_places[k] == @{NAME}_PARAMETERS) {
             param.oldest = tried_values[k];
         } else {
-            param.missing_limit = (int)tried_values[k];
+            int *const whole[3] = {&param.missing_limit, &param.stop_on, &param.category};
+            *whole[tried_places[k] - @{NAME}_PARAMETERS - 1] = (int)tried_values[k];
         }
         expect(@{name}_check(&param, &place) == tried_verdicts[k], "what the check says of a number");
         expect(place == ((tried_verdicts[k] == @{NAME}_PARAM_OK) ? -1 : tried_places[k]), "the place of a number that is refused");

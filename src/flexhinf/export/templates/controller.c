@@ -39,7 +39,9 @@ const @{name}_param @{name}_defaults = {
 @{defaults}
     },
     @{number(code.oldest)},
-    @{missing}
+    @{missing},
+    @{stop_on},
+    @{category}
 };
 
 /* Where the parts of the memory begin. */
@@ -47,6 +49,11 @@ const @{name}_param @{name}_defaults = {
 
 static const real @{name}_initial_memory[@{NAME}_MEMORY] = {
 @{initial}
+};
+
+/* Before a stop. */
+static const real @{name}_initial_stop[@{stop_size}] = {
+@{initial_stop}
 };
 
 /* The input before the first sample, within its limits. */
@@ -73,20 +80,52 @@ static int @{name}_some(const real *y)
 static int @{name}_believed(const @{name}_state *state, const @{name}_param *param, const real *y)
 {
     real some[1];
-    @{plausible}(y, state->memory + @{NAME}_AT_SEEN{% for part in ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE") %}, param->value + @{NAME}_P_@{part}{% endfor %}, some);
+    @{plausible}(y, state->memory, param->value, some);
     return (some[0] > @{zero}) ? 1 : 0;
+}
+
+/* What the caller says of the readings, for the step: those that are not fresh are missing, and a pause since the step
+ * before is no jump: after a long one, what they are off by is taken in slowly, as at a start. */
+static void @{name}_look(@{name}_state *state, const @{name}_input *input, real *y)
+{
+    const real periods = input->elapsed / @{NAME}_PERIOD;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        real *const since = state->memory + @{NAME}_AT_READINGS_SINCE + i;
+        y[i] = (input->fresh[i] >= 0) ? input->y[i] : HUGE_VAL@{F};
+        state->memory[@{NAME}_AT_READINGS_FRESH + i] = (input->fresh[i] > 0) ? @{unity} : @{zero};
+        if (periods > @{number(pause[0])} && isfinite(periods) != 0) {
+            *since += (*since > @{zero}) ? periods - @{unity} : @{zero};
+{% if "offset_known" in places %}
+            if (periods > @{number(pause[1])}) {
+                state->memory[@{NAME}_AT_OFFSET_KNOWN + i] = @{zero};
+            }
+{% endif %}
+        }
+    }
+{% if "motion" in places %}
+    for (int i = 0; i < @{pairs} && periods > @{number(pause[1])}; ++i) {
+        state->memory[@{NAME}_AT_MOTION_KNOWN + i] = @{number(-pausing.settles)};
+    }
+{% endif %}
+{% if signs %}
+    if (periods > @{number(pause[1])} && isfinite(periods) != 0) {
+        const real free[@{pausing.free | length}] = {@{row(pausing.free)}};
+        @{name}_copy(free, state->memory + @{NAME}_AT_AWAY_WAY, @{pausing.free | length});
+        state->memory[@{NAME}_AT_PAUSES] += (periods > @{number(pausing.longest)}) ? @{unity} : @{zero};
+    }
+{% endif %}
 }
 
 {% endif %}
 static int @{name}_predict(@{name}_state *state, const @{name}_param *param,
-                          const @{name}_input *input{% if plausible %}, int in_time{% endif %})
+                          const @{name}_input *input{% if plausible %}, const real *y, int in_time{% endif %})
 {
     real nothing[@{NAME}_MEASUREMENTS];
     int code;
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
 {% if plausible %}
 {# what is there is not believed, and counted #}
-        nothing[i] = (in_time != 0) ? input->y[i] : HUGE_VAL@{F};
+        nothing[i] = (in_time != 0) ? y[i] : HUGE_VAL@{F};
 {% else %}
         nothing[i] = @{number(infinity)};
 {% endif %}
@@ -155,6 +194,9 @@ static void @{name}_begin(@{name}_state *state)
         state->unseen[i] = 0;
     }
     state->slip = @{zero};
+    @{name}_copy(@{name}_initial_stop, state->stop, @{stop_size});
+    @{name}_copy(state->start + @{NAME}_AT_U, state->stop + @{stop_last}, @{NAME}_INPUTS);
+    state->looks = 0;
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -300,11 +342,12 @@ static NOINLINE void @{name}_hold(const @{name}_state *state, const @{name}_para
     }
     output->status = 0;
 {% if "status" in places %}
-    static const int bits[6] = {
-        @{NAME}_OUTSIDE_WORKSPACE, @{NAME}_LIMIT_CYCLE, @{NAME}_SATURATION, @{NAME}_REACTING, @{NAME}_FOLLOWING_ERROR,
-        @{NAME}_BLOCKED
+    static const int bits[@{flags | length}] = {
+{% for rows in flags | batch(4) %}
+        @{rows | join(", ")}@{"," if not loop.last}
+{% endfor %}
     };
-    for (int i = 0; i < 6; ++i) {
+    for (int i = 0; i < @{flags | length}; ++i) {
         output->status += (state->memory[@{NAME}_AT_STATUS + i] > @{zero}) ? bits[i] : 0;
     }
 {% endif %}
@@ -324,6 +367,11 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 {
     int in_time = 0;
     int code;
+{% if plausible %}
+    real y[@{NAME}_MEASUREMENTS];
+{% else %}
+    const real *const y = input->y;
+{% endif %}
     if (input->measured != 0 && input->age >= @{zero} && input->age <= param->oldest{% if code.predicts and not plausible %} && @{name}_some(input->y) != 0{% endif %}) {
         in_time = 1;
     }
@@ -347,10 +395,13 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
 {% endif %}
         return @{NAME}_NOT_INITIALISED;
     }
+{% if plausible %}
+    @{name}_look(state, input, y);
+{% endif %}
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         const int before = state->unseen[i];
         const int more = (before >= 0 && before < MOST_UNSEEN) ? before + 1 : MOST_UNSEEN;
-        state->unseen[i] = (in_time != 0 && isfinite(input->y[i]) != 0) ? 0 : more;
+        state->unseen[i] = (in_time != 0 && isfinite(y[i]) != 0) ? 0 : more;
     }
     if (input->elapsed >= @{zero} && input->elapsed <= @{zero}) {
         state->slip = @{zero};
@@ -361,8 +412,8 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
         code = REFUSED;
     } else if (state->slip > @{number(0.1)} || state->slip < @{number(-0.1)}) {
         code = @{NAME}_BAD_PERIOD;
-    } else if (in_time != 0{% if plausible %} && @{name}_believed(state, param, input->y) != 0{% endif %}) {
-        code = @{code.call("input->y")};
+    } else if (in_time != 0{% if plausible %} && @{name}_believed(state, param, y) != 0{% endif %}) {
+        code = @{code.call("y")};
         if (code == @{NAME}_BAD_COMMAND) { /* its measurement was not used, and counts as none */
             if (state->waiting != 0) {
                 code = @{NAME}_WAITING;
@@ -382,7 +433,7 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
         code = @{NAME}_WAITING;
     } else if (state->missing < param->missing_limit && state->missing >= 0) {
         state->missing += 1;
-        code = {% if code.predicts %}@{name}_predict(state, param, input{% if plausible %}, in_time{% endif %}){% else %}@{NAME}_STOPPED{% endif %};
+        code = {% if code.predicts %}@{name}_predict(state, param, input{% if plausible %}, y, in_time{% endif %}){% else %}@{NAME}_STOPPED{% endif %};
     } else {
         code = @{NAME}_STOPPED;
     }
@@ -405,6 +456,136 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     return code;
 }
 
+/* What speaks against a start by these readings, bit by bit. */
+static int @{name}_start_faults(const @{name}_state *state, const @{name}_param *param, const real *y)
+{
+    int found = 0;
+{% if signs %}
+    static const real moved[@{NAME}_MEASUREMENTS] = {@{start.moved}};
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        const int beyond = (y[i] < param->value[@{NAME}_P_MEASUREMENT_LOWER + i] || y[i] > param->value[@{NAME}_P_MEASUREMENT_UPPER + i]) ? 1 : 0;
+        found |= (beyond != 0) ? @{NAME}_START_OUT_OF_RANGE : 0;
+        found |= (state->looks > 0 && fabs@{f}(y[i] - state->looked[i]) > moved[i]) ? @{NAME}_START_MOVES : 0;
+    }
+{% if start.pairs %}
+#ifndef @{NAME}_WITHOUT_REST
+    {
+        static const int links[@{start.links | length}] = {@{start.links | join(", ")}}; /* places in y */
+        real rest[@{NAME}_STATES + @{NAME}_INPUTS];
+        for (int i = 0; i < @{start.links | length}; ++i) {
+            rest[i] = y[links[i]];
+        }
+        (void)@{name}_rest(param, rest, rest);
+{% for pair in start.pairs %}
+        found |= (fabs@{f}((@{pair.measured}) - (@{pair.model})) > @{pair.most}) ? @{NAME}_START_TWISTED : 0;
+{% endfor %}
+    }
+#endif
+{% endif %}
+{% else %}
+    (void)state;
+    (void)param;
+    (void)y;
+{% endif %}
+    return found;
+}
+
+int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, int *why)
+{
+    int code = @{NAME}_WAITING;
+    *why = 0;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        if (input->measured == 0 || isfinite(input->y[i]) == 0) {
+            *why = @{NAME}_START_MISSING;
+        }
+    }
+    if (*why == 0) {
+        *why = @{name}_start_faults(state, param, input->y);
+        code = (*why == 0) ? code : @{NAME}_BAD_START;
+    }
+    if (*why != 0) {
+        state->looks = 0;
+    } else {
+        if (state->looks == 0) {
+            @{name}_copy(input->y, state->looked, @{NAME}_MEASUREMENTS);
+        }
+        state->looks += (state->looks < @{start.samples}) ? 1 : 0;
+        if (state->looks == @{start.samples}) {
+            code = @{NAME}_OK;
+            *why = @{0 if checkable else NAME ~ "_START_NOT_CHECKED"};
+        }
+    }
+    return code;
+}
+
+/* Reasons of a stop at this sample, 1 or 0 each. */
+static void @{name}_reasons(const @{name}_state *state, const @{name}_param *param, int code, real *reasons)
+{
+{% if signs %}
+    const int longest = (int)param->value[@{NAME}_P_LONGEST_UNSEEN];
+{% else %}
+    const int longest = @{longest_unseen};
+{% endif %}
+    int counted = param->stop_on; /* bit by bit, the lowest first */
+    int lost = 0;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        lost += (state->unseen[i] > longest) ? 1 : 0;
+    }
+    for (int i = 0; i < @{reasons | length}; ++i) {
+        reasons[i] = @{zero};
+    }
+    reasons[0] = (code == @{NAME}_BAD_PERIOD{% if signs %} || state->memory[@{NAME}_AT_PAUSES] > @{number(pauses)}{% endif %}) ? @{unity} : @{zero};
+    reasons[1] = (@{fails}) ? @{unity} : @{zero};
+    if (code != @{NAME}_WAITING) {
+        reasons[3] = (lost > 0) ? @{unity} : @{zero};
+{% if signs %}
+        reasons[2] = state->memory[@{NAME}_AT_MISPLACED];
+        for (int i = 0; i < @{signs}; ++i) {
+            reasons[3 + i] = @{name}_larger(reasons[3 + i], state->memory[@{NAME}_AT_STATUS_SENSOR_LOST + i]);
+        }
+{% endif %}
+    }
+    for (int i = 0; i < @{reasons | length}; ++i) {
+        reasons[i] = ((counted % 2) == 1) ? reasons[i] : @{zero};
+        counted /= 2;
+    }
+}
+
+int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output)
+{
+    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], next[@{stop_size}];
+    const real category = (real)param->category;
+    int power = 0;
+    int bit = 1;
+    output->stop = 0;
+    if (state->mark != INITIALISED) {
+        output->stop = @{NAME}_STOP_STEP_FAILED;
+        return 0;
+    }
+    @{name}_reasons(state, param, code, reasons);
+    @{name}_copy(state->stop + @{stop_last}, hold, @{NAME}_INPUTS);
+{% if code.rests %}
+#ifndef @{NAME}_WITHOUT_REST
+    if (@{name}_same(reasons, @{name}_initial_stop, @{reasons | length}) == 0) { /* what holds it where it is commanded */
+        real rest[@{NAME}_STATES + @{NAME}_INPUTS];
+        if (@{name}_rest(param, state->memory + @{NAME}_AT_REFERENCE, rest) == @{NAME}_OK) {
+            @{name}_copy(rest + @{NAME}_STATES, hold, @{NAME}_INPUTS);
+        }
+    }
+#endif
+{% endif %}
+    @{decided}(state->stop, reasons, output->u, hold, state->memory@{" + " + NAME + "_AT_READINGS_LAST" if signs else ""}, &category, param->value, output->u, next);
+    @{name}_copy(next, state->stop, @{stop_size});
+    for (int i = 0; i < @{reasons | length}; ++i) {
+        output->stop += (state->stop[i] > @{zero}) ? bit : 0;
+        bit *= 2;
+    }
+    if (state->stop[@{reasons | length}] > @{zero}) {
+        power = 1;
+    }
+    return power;
+}
+
 #ifndef @{NAME}_WITHOUT_CHECK
 /* Numbers that may differ from the design's: of which other they are less (-1: of none), what is physical, and what the
  * design was made for. */
@@ -419,16 +600,17 @@ static const struct {
 
 static real @{name}_number(const @{name}_param *param, int place)
 {
+    const int whole[3] = {param->missing_limit, param->stop_on, param->category};
     return (place < @{NAME}_PARAMETERS)    ? param->value[place]
            : (place == @{NAME}_PARAMETERS) ? param->oldest
-                                         : (real)param->missing_limit;
+                                         : (real)whole[place - @{NAME}_PARAMETERS - 1];
 }
 
 int @{name}_check(const @{name}_param *param, int *place)
 {
     int worst = @{NAME}_PARAM_OK;
     int row = 0;
-    for (int i = 0; i < @{NAME}_PARAMETERS + 2; ++i) {
+    for (int i = 0; i < @{NAME}_PARAMETERS + 4; ++i) {
         const real value = @{name}_number(param, i), design = @{name}_number(&@{name}_defaults, i);
         int found = @{NAME}_PARAM_BEYOND_DESIGN;
         int equal = 0;

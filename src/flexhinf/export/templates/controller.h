@@ -66,11 +66,16 @@ enum {
  * @{prose.reactions() | starred} */
 @{status | enumeration}
 
+/* Why the drives may not act: bits of output.stop, which stay until @{name}_init or @{name}_start. */
+@{stops | enumeration}
+
 /* Numbers of the controller. Those of @{name}_defaults are the design's. */
 typedef struct {
     @{name}_real value[@{NAME}_PARAMETERS];
     @{name}_real oldest;     /* s: an older measurement counts as missing */
     int missing_limit;      /* samples without a measurement, one after the other, until the output is held */
+    int stop_on;            /* bits of what stops the robot; 0: nothing */
+    int category;           /* of that stop by IEC 60204-1: 0, power off at once; 1, controlled stop, then off; 2, then held */
 } @{name}_param;
 
 extern const @{name}_param @{name}_defaults;
@@ -88,7 +93,7 @@ enum {
 };
 
 /* Whether parameters may be used; no step asks. Where they may not, *place is the first number of the gravest fault:
- * an element of value, @{NAME}_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there
+ * an element of value, @{NAME}_PARAMETERS for oldest, and one more each for the whole numbers behind it; place may be a null pointer. Not there
  * with -D@{NAME}_WITHOUT_CHECK. */
 int @{name}_check(const @{name}_param *param, int *place);
 
@@ -112,6 +117,11 @@ typedef struct {
      * some 32 steps is off by more than a tenth of the period, nothing is computed: @{NAME}_BAD_PERIOD */
     @{name}_real elapsed;
     int measured; /* 0 where there is no measurement */
+{% if c.mode.checks_measurements %}
+    /* of each measurement: 1, it was measured since the step before; -1, it is the one of then, and counts as missing; 0,
+     * that is not known */
+    int fresh[@{NAME}_MEASUREMENTS];
+{% endif %}
 } @{name}_input;
 
 /* What it gives. */
@@ -121,6 +131,7 @@ typedef struct {
     /* samples since each measurement was last there, finite and in time; counts to 32767. One that is missing for long
      * may be a broken sensor */
     int unseen[@{NAME}_MEASUREMENTS];
+    int stop;   /* why the drives may not act, as above; @{name}_may_act writes it */
     int status; /* bits of the last good sample, as above, from @{NAME}_OUTSIDE_WORKSPACE on */
     /* fraction of a period by which the time along a path advances: 1 but for braking, 0 after
      * @{NAME}_NOT_INITIALISED */
@@ -142,7 +153,7 @@ typedef struct {
     @{name}_real estimate[@{NAME}_STATES], estimated[@{NAME}_STATES];
     @{name}_real u[@{NAME}_INPUTS], held[@{NAME}_INPUTS];
     @{name}_real work[@{NAME}_WORK];
-    @{name}_real slip;
+    @{name}_real slip, stop[@{stop_size}];
 {% if columns %}
 {% if code.lanes > 1 %}
 #if @{sixteen}
@@ -151,7 +162,9 @@ typedef struct {
 {% endif %}
     @{name}_real columns[@{NAME}_COLUMNS];
 {% endif %}
+    @{name}_real looked[@{NAME}_MEASUREMENTS];
     int unseen[@{NAME}_MEASUREMENTS];
+    int looks;
     int missing, failed, began_again, samples, waiting, refused;
     unsigned int mark;
 } @{name}_state;
@@ -178,6 +191,25 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
  * After @{NAME}_STOPPED a measurement in time resumes the step: nothing latches.{% if code.unlimited +%}
  * @{prose.unlimited() | starred}{% endif %} */
 int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, @{name}_output *output);
+
+/* Before the start: whether the robot rests where the controller can begin. Call it once per sample with what is measured,
+ * drives off or brakes closed. Returns @{NAME}_WAITING until the readings of @{look} s agree, then @{NAME}_OK; and
+ * @{NAME}_BAD_START where they do not, and *why says what to look at: {% if not checkable %}nothing tells here whether an encoder's zero is
+ * right, so that bit is set with @{NAME}_OK too. {% endif %}It begins anew with @{name}_init, a missing reading and a bad one. */
+enum {
+    @{NAME}_START_MISSING = 1,      /* a reading is not there */
+    @{NAME}_START_MOVES = 2,        /* the robot moves */
+    @{NAME}_START_OUT_OF_RANGE = 4, /* a joint is beyond its range, or its encoder has another zero or unit */
+    @{NAME}_START_TWISTED = 8,      /* motor and link are apart by more than weight and friction twist the spring: an encoder's zero, a sign, something that leans on the arm */
+    @{NAME}_START_NOT_CHECKED = 16  /* no second reading of the joint tells whether the place is true: home the arm */
+};
+int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, int *why);
+
+/* Whether the drives may have power: call it after each step, and obey. From the code of the step, its status, sensors that
+ * are missing or refused, and measured speeds. What it once found stays: output->stop says it, and a new start alone
+ * ends it. Returns 1, and output->u is what acts; during a controlled stop that is not the controller's. Returns 0 for
+ * power off, from then on: then output->u is @{code.stop_text}, and brakes close. Steps go on as before. */
+int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output);
 {% if code.standstill is not none %}
 
 /* The robot at rest at link positions (q): writes its state, @{NAME}_STATES numbers, and behind it the input that holds

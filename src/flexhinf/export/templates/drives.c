@@ -1,29 +1,16 @@
 {# What main.c and the templates do about their drives. #}
-{% macro may_act() %}
+{% macro begin_with() %}
 /* @{name}_init, unless header and source are of two exports: nothing may act where it does not return
  * @{NAME}_OK. The robot must be where @{name}.h says; where it is elsewhere, call @{name}_start behind this. */
 static int begin_with(@{name}_state *memory)
 {
     return (strcmp(@{name}_digest, @{NAME}_DIGEST) == 0) ? @{name}_init(memory) : @{NAME}_NOT_INITIALISED;
 }
-
-/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
-enum { LONGEST_UNSEEN = @{longest_unseen} };
-
-/* Whether the output may act; where other codes than these last, the watchdog brakes. */
-static int may_act(int code, const @{name}_output *output)
-{
-    int seen = 1;
-    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
-        seen = seen && (output->unseen[i] <= LONGEST_UNSEEN || code == @{NAME}_WAITING);
-    }
-    return seen && code != @{NAME}_STOPPED && code != @{NAME}_BAD_PERIOD && code != @{NAME}_WENT_BACK && code != @{NAME}_NOT_INITIALISED;
-}
 {% endmacro %}
 
 {# How they begin when drives become enabled: at rest where the links are measured, or as it is designed. #}
 {% macro begin_here() %}
-/* 1 of a recorded robot: its drives are enabled at once, and it is where @{name}.h says. */
+/* 1 of a recorded robot: its drives are enabled at once, it is where @{name}.h says, and nothing stops it. */
 #ifndef @{NAME}_ENABLED
 #define @{NAME}_ENABLED 0
 #endif
@@ -67,12 +54,17 @@ static int begin_here(@{name}_input *input, @{name}_output *output)
     return 1;
 }
 
-/* Whether the drives are enabled and it has begun there; until then, what is computed is not heard. */
+/* Whether the drives are enabled and it has begun there; until then, what is computed is not heard. It looks for @{look} s
+ * whether the robot rests where it can begin: enable the drives after that. */
 static int still_enabled(int enabled, @{name}_input *input, @{name}_output *output)
 {
-    int now = 0;
-    if (drives_enabled() != 0) {
-        now = (enabled != 0) ? 1 : begin_here(input, output);
+    int now = enabled, why = 0;
+    if (now == 0 && @{name}_at_rest(&state, &@{name}_defaults, input, &why) == @{NAME}_OK && drives_enabled() != 0) {
+        now = begin_here(input, output);
+    } else if (now != 0) {
+        now = (drives_enabled() != 0) ? 1 : 0;
+    } else {
+        refused(why);
     }
     return now;
 }

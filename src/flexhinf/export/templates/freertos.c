@@ -23,11 +23,13 @@ extern int drives_enabled(void);
 extern int read_sensors(@{name}_real *y);
 extern void read_command(@{name}_real *r, @{name}_real path_rate);
 extern void drive_motors(const @{name}_real *u);
+extern @{name}_real seconds_since_sample(void);
 extern void report(int code);
+extern void refused(int why);
 extern void restart_watchdog(void);
-extern void brake(int code);
+extern void brake(int stop);
 
-@{drives.may_act()}
+@{drives.begin_with()}
 void @{name}_task(void);
 
 static @{name}_state state;
@@ -47,7 +49,7 @@ static void control(void *unused)
     const int begun = begin_with(&state);
     (void)unused;
     if (begun != @{NAME}_OK) { /* two exports, or compiled with flags that change results */
-        brake(begun);
+        brake(@{NAME}_STOP_STEP_FAILED);
         vTaskDelete(NULL);
     }
     @{drives.rest_at_home("input.r")} /* the command until there is another */
@@ -61,18 +63,19 @@ static void control(void *unused)
         if (@{NAME}_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
             drive_motors(output.u);
         }
+        input.elapsed = seconds_since_sample();
         code = @{name}_step(&state, &@{name}_defaults, &input, &output);
         report(code);
-        if (code == @{NAME}_OK) {
-            restart_watchdog();
-        }
-        if (!may_act(code, &output)) { /* look at the robot, then begin again with @{name}_start */
-            brake(code);
+        if (@{NAME}_ENABLED == 0 && @{name}_may_act(&state, &@{name}_defaults, code, &output) == 0) { /* look at the robot, then begin again with @{name}_start */
+            brake(output.stop);
             vTaskDelete(NULL);
         } else if (@{NAME}_LATENCY == 0) {
             drive_motors(output.u);
         } else {
             /* it acts from the next sample on */
+        }
+        if (code == @{NAME}_OK) {
+            restart_watchdog();
         }
     }
 }

@@ -10,16 +10,18 @@ extern int drives_enabled(void); /* 0 while the motors have no power, or the bra
 extern int read_sensors(@{name}_real *y); /* 0 where there was no measurement in time */
 extern void read_command(@{name}_real *r, @{name}_real path_rate); /* path_rate periods further along its path{% if code.slows %}, and where that is below 1, @{name}_slowed{% endif %} */
 extern void drive_motors(const @{name}_real *u);
+extern @{name}_real seconds_since_sample(void); /* by a clock that does not make the period; 0 where there is none */
 extern void report(int code);       /* for a log */
+extern void refused(int why);       /* for a log: @{NAME}_START_..., why it does not begin; 0 while it looks */
 extern void restart_watchdog(void); /* which brakes the robot too, where samples fail for longer than it may run on */
-extern void brake(int code);        /* stops the robot without the controller, whatever it needs for that */
+extern void brake(int stop);        /* takes the power of the drives and closes the brakes; stop says why, as output.stop */
 
 static @{name}_state state; /* too large for most stacks */
 
 /* @{home.text}, where @{name}_init believes the robot. */
 static const @{name}_real home[] = {@{row(home.numbers)}};
 
-@{drives.may_act()}
+@{drives.begin_with()}
 @{drives.begin_here()}
 
 int main(void)
@@ -30,7 +32,7 @@ int main(void)
     int acts = 1; /* once 0 it stays so: look at the robot, then begin again with @{name}_start */
     const int begun = begin_with(&state);
     if (begun != @{NAME}_OK) { /* two exports, or compiled with flags that change results */
-        brake(begun);
+        brake(@{NAME}_STOP_STEP_FAILED);
         return 1;
     }
     @{drives.rest_at_home("input.r")} /* the command until there is another */
@@ -44,15 +46,15 @@ int main(void)
         if (@{NAME}_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
             drive_motors(output.u);
         }
-        /* input.elapsed = s since the sample before, by a clock of its own: then a wrong period is @{NAME}_BAD_PERIOD */
+        input.elapsed = seconds_since_sample();
         code = @{name}_step(&state, &@{name}_defaults, &input, &output);
         report(code);
-        acts = may_act(code, &output);
-        if (code == @{NAME}_OK) {
+        acts = (@{NAME}_ENABLED != 0) ? 1 : @{name}_may_act(&state, &@{name}_defaults, code, &output); /* a controlled stop has an output.u of its own */
+        if (acts && code == @{NAME}_OK) {
             restart_watchdog();
         }
         if (!acts) {
-            brake(code);
+            brake(output.stop);
         } else if (@{NAME}_LATENCY == 0) {
             drive_motors(output.u);
         } else {

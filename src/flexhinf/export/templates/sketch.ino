@@ -8,6 +8,7 @@ static @{name}_state state;
 static @{name}_input input;
 static @{name}_output output;
 static unsigned long due_us;
+static unsigned long before_us;
 static int enabled;
 static bool acts; // once false it stays so: look at the robot, then begin again with @{name}_start
 
@@ -19,26 +20,27 @@ static bool read_sensors(@{name}_real *y);
 static void read_command(@{name}_real *r, @{name}_real path_rate);
 static void drive_motors(const @{name}_real *u);
 static void report(int code);
+static void refused(int why);
 static void restart_watchdog();
-static void brake(int code);
+static void brake(int stop);
 
 // @{home.text}, where @{name}_init believes the robot.
 static const @{name}_real home[] = {@{row(home.numbers)}};
 
-@{drives.may_act()}
+@{drives.begin_with()}
 @{drives.begin_here()}
 void setup()
 {
     const int begun = begin_with(&state);
     acts = begun == @{NAME}_OK;
     if (!acts) { // two exports, or compiled with flags that change results
-        brake(begun);
+        brake(@{NAME}_STOP_STEP_FAILED);
         return;
     }
     enabled = @{NAME}_ENABLED;
     @{drives.rest_at_home("input.r")} // the command until there is another
     @{name}_step(&state, &@{name}_defaults, &input, &output); // without a measurement: the input before the first
-    due_us = micros();
+    due_us = before_us = micros();
 }
 
 void loop()
@@ -55,14 +57,17 @@ void loop()
     if (@{NAME}_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
         drive_motors(output.u);
     }
+    const unsigned long now_us = micros();
+    input.elapsed = (@{name}_real)(1e-6 * (now_us - before_us));
+    before_us = now_us;
     const int code = @{name}_step(&state, &@{name}_defaults, &input, &output);
     report(code);
-    acts = may_act(code, &output) != 0;
-    if (code == @{NAME}_OK) {
+    acts = @{NAME}_ENABLED != 0 || @{name}_may_act(&state, &@{name}_defaults, code, &output) != 0;
+    if (acts && code == @{NAME}_OK) {
         restart_watchdog();
     }
     if (!acts) {
-        brake(code);
+        brake(output.stop);
     } else if (@{NAME}_LATENCY == 0) {
         drive_motors(output.u);
     }
@@ -99,12 +104,17 @@ static void report(int code)
     (void)code; // for a log
 }
 
+static void refused(int why)
+{
+    (void)why; // for a log: @{NAME}_START_..., why it does not begin; 0 while it looks
+}
+
 static void restart_watchdog()
 {
     // which brakes the robot too, where samples fail for longer than it may run on
 }
 
-static void brake(int code)
+static void brake(int stop)
 {
-    (void)code; // stops the robot without the controller, whatever it needs for that; it stays so
+    (void)stop; // takes the power of the drives and closes the brakes, and says why; it stays so
 }

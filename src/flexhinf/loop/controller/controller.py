@@ -11,12 +11,13 @@ from typing import Any, Unpack, cast
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
-from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.errors import ControllerInUse, FlexhinfError, InvalidInput
 from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
@@ -25,9 +26,10 @@ from flexhinf.loop.controller.governor import Governor, first_of_joints
 from flexhinf.loop.controller.keywords import ControllerOptions, Range, RangeAndRate
 from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
-from flexhinf.loop.controller.measured import Source, within
+from flexhinf.loop.controller.measured import Source
 from flexhinf.loop.controller.memory import (
     StateHistory,
+    Told,
     VectorLayout,
     braking_place,
     filler,
@@ -50,11 +52,17 @@ from flexhinf.loop.controller.options import (
     controller_facts,
     dead_zone,
 )
+from flexhinf.loop.controller.protection import Pausing, Protection
+from flexhinf.loop.controller.readings import Readings, believable, first_readings
+from flexhinf.loop.controller.signs import first_signs
 from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import STEPS, StepMode, controller_step
+from flexhinf.loop.controller.slowing import voters_of
+from flexhinf.loop.controller.stop import Stop, decided, first_stop, reasons, stop_numbers
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
+from flexhinf.plant.plant import equilibrium_at
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import read_only, real_array, value_text
 
@@ -171,6 +179,7 @@ class Controller(Summarised):
         dry_friction: DryFriction | None = None,
         backlash: Backlash | None = None,
         governor: Governor | None = None,
+        protection: Protection | None = None,
     ) -> None:
         self.law, self.estimator, self.blend_time_option = solution, estimator, blend_time
         self.period, self.gaps = checked_period(period), estimator is not None  # gaps: missing measurements
@@ -189,13 +198,14 @@ class Controller(Summarised):
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
         self.supervision, self._windup_option, self.governor = supervision, windup, governor
+        self.protection = protection
         self.dry_friction, self.backlash, own = dry_friction, backlash, self.estimated_states.places
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
-        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), (), ())
+        back: Any = governor.places(solution, moving, supervision, own, estimator) if governor else ()
         self.mode = StepMode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
@@ -206,6 +216,8 @@ class Controller(Summarised):
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
+            protection.watch(estimator, solution.input_names, self.measurement_limits, supervision) if protection else
+            None,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -216,6 +228,7 @@ class Controller(Summarised):
         self.judged = self.tracked
         if moving and not self.tracked:
             self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
+        self._pausing = Pausing() if self.protection is None else self.protection.pausing(self.period)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
         sensors, angles = ((), ()) if estimator is None else (self.measured, estimator.plant.angles)
@@ -358,12 +371,13 @@ class Controller(Summarised):
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **first_of_joints(mode, zeros),
             **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
-            **first_counters(len(u), len(zeros), mode.reactions),
+            **first_counters(len(u), len(zeros), mode.reactions, mode.protected is not None),
+            **(first_signs(mode.protected, u, zeros) if mode.protected else {}),
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
             **({"doubt": np.zeros(2)} if self.doubts else {}),
-            **({"seen": np.zeros((3, len(self.measured)))} if mode.checks_measurements else {}),
+            **({"readings": first_readings(len(self.measured))} if mode.checks_measurements else {}),
         }  # fmt: skip
 
     # Code -----------------------------------------------------------------------------------------
@@ -443,11 +457,15 @@ class Controller(Summarised):
         return run, measurement_filler(y, self.gaps), filler(now.reference[: len(self.commanded)]), u.copy
 
     # The step -------------------------------------------------------------------------------------
-    def step(self, y: Numbers, reference: Numbers = None, elapsed: float = 0.0) -> np.ndarray:
+    def step(
+        self, y: Numbers, reference: Numbers = None, elapsed: float = 0.0, fresh: ArrayLike | None = None
+    ) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
 
         A plain number will do for one signal. Without a command the last one, at first the operating point's, is kept.
-        `elapsed`: s since the step before, 0 if that is not known; see `StateHistory.check_period`. A step is made
+        `elapsed`: s since the step before, 0 if that is not known; see `StateHistory.check_period`. `fresh` (p,): 1 for
+        an element of y that was measured since the step before, −1 for one that is the last one again and counts as
+        missing, 0 where that is not known: then a frame that repeats itself is found by its numbers. A step is made
         whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN or an infinite
         number in y means that this sensor gave nothing: the others correct the estimate, and integrals go on with the
         estimated position in place of a measured one that is missing. ``step(None)``, or such numbers alone, is a
@@ -474,9 +492,13 @@ class Controller(Summarised):
             if y is None and not self.gaps:
                 raise nothing_to_predict_with()
             try:
+                if fresh is not None and y is not None:
+                    y = np.where(np.asarray(fresh) < 0, np.nan, np.ravel(real_array(y)))
                 measured = fill_measurement(y)
+                if self.mode.checks_measurements:
+                    history.look(self.memory.places, fresh, elapsed / self.period, self._pausing)
                 if history.waiting and measured and self.measurement_limits is not None:
-                    measured = bool(within(np.ravel(real_array(y)), *self.measurement_limits[:2]).any())
+                    measured = bool(believable(np.ravel(real_array(y)), *self.measurement_limits[:2]).any())
                 if history.waiting and not measured:
                     return history.memory[self.memory.places["u"]].copy()
                 if reference is not None:
@@ -525,21 +547,63 @@ class Controller(Summarised):
     def doubtful_samples(self) -> int:
         """At how many samples since the start the estimate was in doubt, see `flexhinf.loop.controller.status`; 0 of an
         estimator that does not say. A filter in the covariance form says no more than that P was repaired."""
-        return int(self.doubts_in(self._history.memory))
+        return int(self.told.doubtful)
 
-    def doubts_in(self, memory: np.ndarray) -> np.ndarray:
-        """The same of a memory (s,), or of memories (s, N) after other runs: (N,)."""
-        return memory[self.memory.places["doubt"]][1] if self.doubts else np.zeros(memory.shape[1:])
+    @property
+    def told(self) -> Told:
+        """Counts since the start."""
+        return Told.in_memory(self.memory.places, self._history.memory)
 
     @property
     def rejected(self) -> np.ndarray:
         """How often each element of a measurement was beyond its limits or rejected by a gate since the start, (p,)."""
         if self.mode.checks_measurements:
-            return self.memory.named(self._history.memory).seen[2].astype(int)
+            return Readings(*self.memory.named(self._history.memory).readings).refused.astype(int)
         if self.estimator is None or "rejected" not in self.estimator.initial._fields:
             return np.zeros(len(self.measured), dtype=int)
         belief = self.memory.named(self._history.memory).belief
         return type(self.estimator.initial)(*belief).rejected.astype(int)
+
+    def may_act(self) -> bool:
+        """Whether the drives may have power, to be asked after each step, also one that raised, and obeyed: then
+        `output` is what acts. A reason that was there once, see `stop`, stays until `reset`; steps go on as before. It
+        is the decision of the exported C, see `flexhinf.loop.controller.stop`."""
+        history, protection = self._history, self.protection
+        kept = history.stop or first_stop(history.memory[self.memory.places["u"]])
+        drive, numbers = stop_numbers(self)
+        flags = reasons(self, history)
+        hold = self._holding(kept.last) if flags.any() and not kept.reasons.any() else kept.last
+        category = 0.0 if protection is None else protection.category
+        u = history.memory[self.memory.places["u"]]
+        readings = None if protection is None else self.memory.named(history.memory).readings
+        _, history.stop = decided(drive, kept, flags, u, hold, readings, voters_of(self), category, numbers)
+        return bool(history.stop.power[0] > 0.0)
+
+    @property
+    def stop(self) -> Stop:
+        """Why the drives may not act any more, since `reset`."""
+        kept = self._history.stop
+        return (
+            Stop(0) if kept is None else Stop(sum(one for one, flag in zip(Stop, kept.reasons) if flag > 0.0))
+        )
+
+    @property
+    def output(self) -> np.ndarray:
+        """The input (m,) that acts after `may_act`: that of the last step, of a controlled stop, or without power."""
+        kept = self._history.stop
+        return self._history.memory[self.memory.places["u"]].copy() if kept is None else np.array(kept.last)
+
+    def _holding(self, last: np.ndarray) -> np.ndarray:
+        """The input (m,) that holds the model at a moving command, else the last one."""
+        history, mode = self._history, self.mode
+        if mode.moving and self.estimator is not None:
+            n = len(self.law.input_names)
+            try:
+                pose = history.memory[self.memory.places["reference"]][self._places]
+                return equilibrium_at(self.estimator.plant, self.tracked, pose)[1][:n]
+            except FlexhinfError:
+                pass  # it holds what acted
+        return last
 
     @property
     def path_rate(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.memory import shaped
+from flexhinf.loop.controller.protection import WINDOW, windows_and_steps
 from flexhinf.loop.controller.step import RELIEF, inverse_slope
 from flexhinf.plant import rcond_limit
 
@@ -58,6 +59,9 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
     if c.measurement_limits is not None:
         lower, upper, rate = c.measurement_limits
         values |= {"measurement_lower": lower, "measurement_upper": upper, "measurement_rate": rate}
+        values |= windows_and_steps(c.period, WINDOW, np.full(p, np.inf))
+    if c.protection is not None:
+        values |= c.protection.data(c.period)
     values |= c.watched
     if c.offset_time is not None:
         values["offset_decay"] = [np.exp(-c.period / c.offset_time)]
@@ -69,6 +73,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["backlash"] = c.backlash.width
     if mode.governed:
         values["governor"] = c.governor.data(c.period)
+    if mode.curved:
+        values["governor_curves"] = c.governor.curves
     if mode.resisted:
         values["resistance"] = c.governor.resistance
     if mode.bounds_windup:

@@ -8,9 +8,22 @@ joint, and follows the command x_d as a planner would, with an acceleration a an
     v = v_d − sign(l) min(s/2, √(a |l|), k |l|),    l = x − x_d.
 
 What the command itself accelerates comes on top of a, or a joint that is late could not brake with it before the goal.
-Link and motor are shifted alike, so the twist of the spring, and the input u_d, stay those of the command; the law
-takes what the other pose needs beside them. Where the lag l is gone, the law is shown the command itself again, bit for
-bit.
+The law is shown all of the other pose: the gains are those there, and the twists of the springs and the inputs are
+those of the command and what the robot at rest needs more there, by the estimator's model with its payload,
+
+    θ = θ_d + θ*(q) − θ*(q_d),    u = u_d + u*(q) − u*(q_d),    θ* = T q + K⁻¹ T⁻ᵀ G(q).
+
+With the weight at the command in their place, a raised arm that was pushed cycled for ever. Without an estimator, or
+where its model is no such robot, link and motor are shifted alike, and the law takes what the other pose needs. Where
+the lag l is gone, the law is shown the command itself again, bit for bit.
+
+A joint that something pushes comes back as the law itself brings it. To be shown a motion that runs away with the joint
+takes from the law what brakes it: with a soft spring the joint went three times as far, and a law at the limits of its
+motor never came to rest. A far joint that runs away, by itself faster than v_d + `AWAY` s, is *pushed*, then and for
+`PUSHED` after it last ran away: where a load of more than w moves it, see below; where its command stands and it was
+not far before; or where another joint is pushed, which carries it. The motion is not held at a pushed joint, and its
+integral and its velocity count as without a governor. Beside a joint that lets go none begins to be pushed. Where one
+is still far afterwards, the motion goes to it with the speed s.
 
 While something holds the joint, an error of d is integrated, and not one that grows: no integral stands still, as it
 may be what carries a payload. A joint that comes loose thus overshoots with the motion that is shown at d from it.
@@ -25,8 +38,8 @@ as near as p is large: it stays within g d of the joint, and
 
 So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. The
 speed of the motion is then g times `TOUCH` of its largest one at most. An obstacle does not move a joint. Where p
-does so, by `YIELDED` of the distance away from the command, it is a load, and the joint grips until p is small. Where
-nothing keeps it back, g is 1.
+does so, by `YIELDED` of the distance away from the command, it is a load, of a joint that is not far yet too, and the
+joint grips until p is small. Where nothing keeps it back, g is 1.
 
 A link that is blocked stands, but its estimate moves, by what the spring would make of a free one: at tens of rad/s of
 a light link. A law that damps these winds the spring up, and keeps it wound. So of the velocity of such a link, where
@@ -41,7 +54,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -50,6 +63,7 @@ from flexhinf.codegen import gives
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.measured import Source, positions
 from flexhinf.loop.controller.options import Listed
+from flexhinf.loop.controller.statics import Statics
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.numerals import number_text
 from flexhinf.plant import Estimator, Law
@@ -77,8 +91,16 @@ TOUCH = 0.1
 #: limit in 8 ms, which 10 ms and 75 % let reach 1.7 times that; within one sample joints sag that carry a payload.
 TAKEN_BACK, FASTER, MUCH_FASTER = 0.002, 0.2, 0.4
 
+#: A far joint that leaves its command with this share of its largest speed runs away; for so long after, s, it is
+#: pushed. A law takes 0.5 s for the way back, or 1 s at the limit of its motor. A slower joint turns before it is far;
+#: estimates show half of the speed of a push at first.
+AWAY, PUSHED = 0.25, 1.0
+
 #: A number without a sign to speak of, whose root has a slope.
 TINY = 1e-18
+
+#: Arguments that are tables, and those of a curve's numbers that are stiffnesses.
+TABLES, SLOPES = ("coupling", "curves"), 3
 
 #: Of a tracked position the states that are shifted with it; a rigid joint has no motor of its own.
 KINDS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -105,6 +127,10 @@ class Governor(Listed):
         that is brought back lets go of what keeps it. It needs an estimator; None: joints push on.
     coupling : (k, k), optional
         T of a robot whose motors move more than their own joints, θ = T q.
+    curves : (5, k), optional
+        Of springs that the commands have with the curve of a gear, and the estimator's model straight: the stiffness in
+        three parts of the curve, over that of the model, and the twists of the model's spring, rad or m, at the torques
+        between them.
 
     Raises
     ------
@@ -119,10 +145,11 @@ class Governor(Listed):
     upper: Sequence[float]
     resistance: Sequence[float] | None = None
     coupling: Sequence[Sequence[float]] | None = None
+    curves: Sequence[Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
         stated = {
-            name: value for name, value in vars(self).items() if value is not None and name != "coupling"
+            name: value for name, value in vars(self).items() if value is not None and name not in TABLES
         }
         rows = {name: real_array(value) for name, value in stated.items()}
         sizes = [rows.pop(name) for name in ("lower", "upper")]
@@ -131,15 +158,17 @@ class Governor(Listed):
             not alike
             or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
             or not np.all(sizes[0] <= sizes[1])
-            or (self.coupling is not None and np.shape(self.coupling) != 2 * sizes[0].shape),
+            or (self.coupling is not None and np.shape(self.coupling) != 2 * sizes[0].shape)
+            or not _are_curves(self.curves, sizes[0].size),
             "The governor of a controller does not fit the joints.",
-            "expected a positive distance, speed, acceleration and resistance for each joint and lower <= upper, got "
-            f"{value_text(vars(self))}",
+            "expected a positive distance, speed, acceleration, resistance and curve for each joint and lower <= "
+            f"upper, got {value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )
         vars(self).update({name: tuple(real_array(value).tolist()) for name, value in stated.items()})
-        if self.coupling is not None:
-            vars(self)["coupling"] = tuple(tuple(row) for row in real_array(self.coupling).tolist())
+        for name in TABLES:
+            if (rows := vars(self)[name]) is not None:
+                vars(self)[name] = tuple(tuple(row) for row in real_array(rows).tolist())
 
     def text_in(self, units: Sequence[str]) -> str:
         """From how far on and how fast, for a summary; `units` are those of the commanded positions (k,)."""
@@ -161,10 +190,11 @@ class Governor(Listed):
         supervision: Supervision | None,
         own: Sequence[int],
         estimator: Estimator | None,
-    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...], tuple[tuple[float, ...], ...]]:
+    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...], tuple[tuple[float, ...], ...], bool]:
         """Places of the states that are shifted (k, 4), see `KINDS`, of velocities in an estimate with the states at
-        `own`, () where no joint lets go, and T of coupled joints. Refused where a law has no such states, the reference
-        does not move, a following error holds the joints where they are, or nothing says what resists them."""
+        `own`, () where no joint lets go, T of coupled joints, and whether springs have curves. Refused where a law has
+        no such states, the reference does not move, a following error holds the joints where they are, or nothing says
+        what resists them."""
         states, tracked = law.plant_states, law.tracked
         rows = [[name.replace(KINDS[0], kind) for kind in KINDS] for name in tracked]
         names = [[n if n in states else n.replace("motor", "link") for n in row] for row in rows]
@@ -188,12 +218,19 @@ class Governor(Listed):
         places = tuple(tuple(states.index(name) for name in row) for row in names)
         velocities = [row[1] for row in places] if self.resistance is not None else []
         seen = tuple(own[place] if own else place for place in velocities)
-        return places, seen, tuple(map(tuple, self.coupling or ()))
+        return places, seen, tuple(map(tuple, self.coupling or ())), self.curves is not None
 
     def data(self, period: float) -> np.ndarray:
         """Numbers of the step (6, k)."""
         last = np.full(len(self.distance), min(RATE, PER_SAMPLE / period))
         return np.array([self.distance, self.speed, self.acceleration, self.lower, self.upper, last])
+
+
+def _are_curves(curves: Any, joints: int) -> bool:
+    """Whether these are numbers of curves (5, k) of so many springs, or None."""
+    table = np.ones((5, joints)) if curves is None else real_array(curves)
+    sizes = table.shape == (5, joints) and np.all(np.isfinite(table)) and np.all(table[:SLOPES] > 0.0)
+    return bool(sizes) and bool(np.all(table[SLOPES:] >= 0.0))
 
 
 def first_of_joints(mode: Any, zeros: np.ndarray) -> dict[str, np.ndarray]:
@@ -211,6 +248,7 @@ def brought_back(
     means: Any,
     memory: Any,
     data: Any,
+    estimator: Estimator | None,
 ) -> tuple[Any, Any, dict[str, Any]]:
     """The command (n + m,) that the law is shown in place of r, the lag (k,) of `governed`, and what is remembered.
 
@@ -229,7 +267,7 @@ def brought_back(
             data.governor,
             data.resistance,
         )
-    r, kept["far"], lag = run.call(
+    command, kept["far"], lag = run.call(
         partial(governed, tracked, mode.governed, mode.turned),
         *seen,
         r,
@@ -241,7 +279,10 @@ def brought_back(
         data.governor,
         *kept.values(),
     )
-    return r, lag, kept
+    if (statics := Statics.of(estimator, mode.own)) is not None:
+        curves = [data.governor_curves] if mode.curved else []
+        command = run.call(statics.shifted, r, command, data.parameters, *curves)
+    return command, lag, kept
 
 
 @gives("corrections")
@@ -271,12 +312,12 @@ def resisted(
     for (link, *_), seen, gained, flag, distance, most, share, push, nearest, load in joints:
         push = clip(push + heard * (gained / (period[0] * most) - push), -MOST, MOST)
         side = where(r[link] < seen, -1.0, 1.0)
-        keeps = where(flag > 0.5, -side * push, 0.0)
+        keeps = -side * push
         nearest = where(keeps < QUIET, seen, where(side * (seen - nearest) > 0.0, seen, nearest))
         load = where(side * (nearest - seen) > YIELDED * distance, 1.0, where(keeps < QUIET, 0.0, load))
         rate = where(load > 0.5, 1.0, clip(1.0 - keeps, -1.0, 1.0) * where(keeps < 1.0, LET_GO / REGRIP, 1.0))
         share = clip(share + rate * period[0] / LET_GO, 0.0, 1.0)
-        columns.append([where(flag > 0.5, share, 1.0), push, nearest, load])
+        columns.append([where(flag > 1.0, 1.0, where(flag > 0.5, share, 1.0)), push, nearest, load])
     return np.array(columns).T
 
 
@@ -296,33 +337,44 @@ def governed(
     numbers: Any,
     *hold: Any,
 ) -> tuple[Any, Any, Any]:
-    """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and
-    (3, k) of those at the distance from it the lag, else 0, by how much joints are faster than shown, and what counts
-    of the velocities in the estimate. `before` is the command before r, `last` the one that the law was shown then,
-    `hold` that of `resisted`, by default all of the distance."""
+    """The command (n + m,) that the law is shown in place of r, with link and motor shifted alike, the joints that are
+    brought back (k,), 0 or 1, and more if they are pushed, and (3, k) of those at the distance from it the lag,
+    else 0, by how much joints are faster than shown, and what counts of the velocities in the estimate. `before` is the
+    command before r, `last` the one that the law was shown then, `hold` that of `resisted`, by default all of the
+    distance."""
     command: list[Any] = list(r)
     flags: list[Any] = []
     lags: list[Any] = []
     outrun: list[Any] = []
     heard: list[Any] = []
-    shares, pushes = hold[0][:2] if hold else ([1.0] * len(places), [0.0] * len(places))
-    joints = zip(places, positions(tracked, y, estimate), far, shares, pushes, *numbers)
-    for row, seen, flag, share, push, distance, *own in joints:
+    shares, pushes, _, loads = hold[0] if hold else ([each] * len(places) for each in (1.0, None, 0.0, 1.0))
+    joints = zip(places, positions(tracked, y, estimate), far, shares, pushes, loads, *numbers)
+    some = reduce(maximum, list(far)) > 1.0
+    free = where(reduce(minimum, list(shares)) < 1.0, 0.0, 1.0)
+    for row, seen, flag, share, push, load, distance, *own in joints:
         link, turning, *_ = row
         goes_on, goal, rate = started[0] > 0.5, r[link], r[turning]
         place, speed = where(goes_on, last[link], seen), where(goes_on, last[turning], 0.0)
         step = period[0] * own[1]
         step = step + where(goes_on, absolute(rate - before[turning]), 0.0)
-        place, faster, clipped = _followed(
-            (goal, rate), seen, (place, speed), step, period[0], (distance * share, *own)
+        most = distance if push is None else where(absolute(push) < MOST, distance, SOONER * distance)
+        is_far = where(absolute(goal - seen) > most, 1.0, 0.0)
+        moving = seen - goal, estimate[turning], rate, AWAY * own[0]
+        unlike = 1.0 if push is None else where(absolute(push) > 1.0, load, 0.0)
+        runs = where(share < 1.0, 0.0, is_far * _runs_away(*moving))
+        flag = _pushed(
+            flag, runs, where(some, 1.0, free * maximum(unlike, _stands_near(flag, rate))), period[0]
         )
+        pushed = flag > 1.0
+        share = where(pushed, 1.0, share)
+        held = where(pushed, np.inf, distance * share), where(share < 1.0, np.inf, period[0] * own[0])
+        place, faster, clipped = _followed((goal, rate), seen, (place, speed), step, period[0], held, own)
         slow = TOUCH * share * own[0]
         faster = where(share < 1.0, clip(faster, -slow, slow), faster)
         lag, ahead = place - goal, faster - rate
         slow = where(absolute(ahead) > 2.0 * period[0] * own[1], 0.0, 1.0)
-        flag = where(absolute(lag) > OVER * distance, flag, flag * (1.0 - slow))
-        most = where(absolute(push) < MOST, distance, SOONER * distance)
-        flag = where(absolute(goal - seen) > most, 1.0, flag)
+        flag = where(pushed, flag, where(absolute(lag) > OVER * distance, flag, flag * (1.0 - slow)))
+        flag = maximum(flag, is_far)
         lag, ahead = where(flag > 0.5, lag, 0.0), where(flag > 0.5, ahead, 0.0)
         shifts = dict(zip(row, (lag, ahead, lag, ahead)))
         for motors, factors in zip(places, turned):  # of coupled joints, T times that
@@ -330,20 +382,39 @@ def governed(
             shifts |= {motors[2]: factor * lag, motors[3]: factor * ahead} if factor else {}
         for each, shift in shifts.items():
             command[each] = command[each] + shift
+        back = where(pushed, 0.0, where(flag > 0.5, 1.0, 0.0))
         flags.append(flag)
-        lags.append(where(clipped > 0.0, lag, 0.0))
-        outrun.append(where(flag > 0.5, (estimate[turning] - command[turning]) / own[0], 0.0))
-        heard.append(where(flag > 0.5, clip(MOST - absolute(push), 0.0, 1.0), 1.0))
+        lags.append(where(clipped > 0.0, back * lag, 0.0))
+        outrun.append(back * (estimate[turning] - command[turning]) / own[0])
+        heard.append(1.0 if push is None else where(back > 0.5, clip(MOST - absolute(push), 0.0, 1.0), 1.0))
     return np.array(command), np.array(flags), np.array([lags, outrun, heard])
 
 
+def _runs_away(lag: Any, speed: Any, commanded: Any, fast: Any) -> Any:
+    """1 where a joint moves away from its command faster than that and a speed, else 0."""
+    side = where(lag > 0.0, 1.0, -1.0)
+    return where(side * speed - maximum(side * commanded, 0.0) > fast, 1.0, 0.0)
+
+
+def _stands_near(flag: Any, rate: Any) -> Any:
+    """1 of a joint that is not brought back, with a command that stands, else 0."""
+    return where(flag > 0.5, 0.0, where(absolute(rate) > 0.0, 0.0, 1.0))
+
+
+def _pushed(flag: Any, runs: Any, cause: Any, period: Any) -> Any:
+    """The flag of a joint, 2 where it runs away for a cause, from which it falls to 1."""
+    return where(runs * cause > 0.5, 2.0, where(flag > 1.0, maximum(flag - period / PUSHED, 1.0), flag))
+
+
 def _followed(
-    command: tuple[Any, Any], seen: Any, last: tuple[Any, Any], step: Any, period: Any, numbers: Sequence[Any]
-) -> tuple[Any, Any, Any]:
+    command: tuple[Any, Any], seen: Any, last: tuple[Any, Any], step: Any, period: Any, held: tuple[Any, Any],
+    numbers: Sequence[Any],
+) -> tuple[Any, Any, Any]:  # fmt: skip
     """Position and speed of the motion that is shown of a joint, after those of the last sample, whose speed changes by
-    a step at most, and by how much the joint, which is `seen`, keeps it back."""
-    (goal, velocity), (before, speed) = command, last
-    distance, most, acceleration, lower, upper, rate = numbers
+    a step at most, and by how much the joint, which is `seen`, keeps it back: to within a distance, by so much in a
+    sample (2,)."""
+    (goal, velocity), (before, speed), (distance, pulled) = command, last, held
+    most, acceleration, lower, upper, rate = numbers
     lag = before - goal
     size = absolute(lag)
     back = minimum(minimum(0.5 * most, np.sqrt(acceleration * size + TINY)), rate * size)
@@ -354,6 +425,7 @@ def _followed(
         before + period * aim, minimum(lower, minimum(goal, before)), maximum(upper, maximum(goal, before))
     )
     place = clip(free, seen - distance, seen + distance)
+    place = clip(place, minimum(free, before) - pulled, maximum(free, before) + pulled)
     kept = free - place
     # A joint that keeps the motion back stops it; one that is ahead of it does not make it faster.
     return place, where(kept * aim > 0.0, clip(0.0, speed - step, speed + step), aim), absolute(kept)

@@ -12,6 +12,7 @@ from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.options import Windup
+from flexhinf.loop.controller.protection import Protection
 from flexhinf.loop.controller.status import Supervision
 
 #: A range: None, a number or one for each signal (±), or its lower and upper end.
@@ -42,3 +43,4 @@ class ControllerOptions(TypedDict, total=False):
     dry_friction: DryFriction | None
     backlash: Backlash | None
     governor: Governor | None
+    protection: Protection | None

@@ -29,6 +29,7 @@ from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.options import Windup
+from flexhinf.loop.controller.protection import Protection
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.plant.protocols import INTEGRAL
@@ -303,6 +304,7 @@ NAMED: dict[str, Callable[..., Any]] = {
     "dry_friction": DryFriction,
     "backlash": Backlash,
     "governor": Governor,
+    "protection": Protection,
 }
 
 #: Options that have another name in a file.

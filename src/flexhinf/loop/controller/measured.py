@@ -50,33 +50,6 @@ def _passed(y: Any, before: Any, after: Any) -> Any:
     return np.array([where(now > then, np.inf, element) for element, then, now in counts])
 
 
-def within(y: Any, lower: Any, upper: Any) -> Any:
-    """1 for every element of a measurement (p,) that is there and in its range, else 0."""
-    ranges = zip(y, lower, upper, strict=True)
-    return known(y) * np.array([where(v < low, 0.0, where(v > high, 0.0, 1.0)) for v, low, high in ranges])
-
-
-def plausible(
-    turns: Sequence[int], y: Any, seen: Any, period: Any, lower: Any, upper: Any, rate: Any
-) -> tuple[Any, Any]:
-    """A measurement (p,) without the elements that are out of their range, or moved faster than their rate since they
-    were last plausible; they are infinite. And what was seen (3, p): the last plausible element, the samples since then
-    (0 before the first one), and how many were refused. Of angles, which stand at `turns`, the shorter way counts."""
-    last, since, refused = seen
-    moved = absolute(turned(y, last, turns) - last)
-    jumps = zip(moved, since, rate, strict=True)
-    slow = [where(k > 0.5, where(m > k * period[0] * v, 0.0, 1.0), 1.0) for m, k, v in jumps]
-    good = within(y, lower, upper) * np.array(slow)
-    older = np.array([where(k > 0.5, k + 1.0, 0.0) for k in since])
-    since = chosen(good, np.ones(len(good)), older)
-    return chosen(good, y, np.full(len(good), np.inf)), np.array([chosen(good, y, last), since, refused])
-
-
-def refusals(seen: Any, before: Any, after: Any) -> Any:
-    """What was seen (3, p), with counts of the elements that a measurement had `before`, and has not `after` checks."""
-    return np.array([*seen[:2], seen[2] + known(before) - known(after)])
-
-
 def _some(y: Any) -> Any:
     """Whether something was measured: 1 (1,), else 0."""
     return np.array([where(sum(known(y)) > 0.5, 1.0, 0.0)])

@@ -19,13 +19,17 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.codegen import Buffer, BufferPart, Copy, Guard, Program, Slice
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod
+from flexhinf.loop.controller.protection import Pausing
+from flexhinf.loop.controller.readings import Readings
+from flexhinf.loop.controller.stop import StopState
 from flexhinf.validation import real_array, value_text
 
 Shape = tuple[int, ...]
@@ -144,9 +148,39 @@ SPACING = 32
 #: Of how many steps the mean of their period is taken, and by which part of a period it may be off.
 PERIODS_MEANT, SLIPPED = 32, 0.1
 
+#: Periods between two steps from which on readings may have moved further, and from which on the robot may be
+#: elsewhere.
+PAUSES = (1.5, 3.0)
+
 #: What is finite before the step, and after it.
 ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
 
+
+class Told(NamedTuple):
+    """Counts of a run, numbers or (N,) of many: samples at which the estimate was in doubt; the first one, from 1 on,
+    at which a protective stop would have begun, 0 for none; and the bits of `flexhinf.loop.Stop` there."""
+
+    doubtful: Any
+    stop_sample: Any
+    stop_bits: Any
+
+    @staticmethod
+    def in_memory(places: Mapping[str, slice], memory: np.ndarray) -> Told:
+        """Those of a memory (s,), or of memories (s, N) after other runs."""
+        none = np.zeros(memory.shape[1:])
+        doubtful = memory[places["doubt"]][1] if "doubt" in places else none
+        return Told(doubtful, *(memory[places["told"]][1:] if "told" in places else (none, none)))
+
+    @staticmethod
+    def places(places: Mapping[str, slice]) -> list[tuple[int, int]]:
+        """Of each count that there is, its place here, and in a memory."""
+        doubts = [(0, places["doubt"].start + 1)] if "doubt" in places else []
+        stops = [(1, places["told"].start + 1), (2, places["told"].start + 2)] if "told" in places else []
+        return doubts + stops
+
+
+#: Of a run without a controller that counts.
+NOTHING_TOLD = Told(0, 0, 0)
 
 #: No place of a memory.
 NOWHERE = slice(0)
@@ -168,7 +202,8 @@ class StateHistory:
     are those of the last good sample: always the same arrays, which the compiled step writes. `waiting`: there was no
     good measurement yet. `holding`: the last command holds after the last going back, and not that of the earlier
     memory. `braking`: where the memory says how far a brake is, as fractions; a brake under way outlasts going back.
-    `slip`: the mean by which the time between steps is off, in periods.
+    `slip`: the mean by which the time between steps is off, in periods. `code`: how the last step ended, as exported C
+    says it. `stop`: what a protective stop remembers, None before it was asked.
     """
 
     def __init__(self, memory: np.ndarray, command: slice, states: int, braking: slice = NOWHERE) -> None:
@@ -183,7 +218,8 @@ class StateHistory:
         for place in (self.memory, self.start, self.older, self.newer):
             place[:] = memory
         self.estimate[:] = np.nan
-        self.samples, self.waiting, self.slip = 0, True, 0.0
+        self.samples, self.waiting, self.slip, self.code = 0, True, 0.0, "WAITING"
+        self.stop: StopState | None = None
         self.failed = self.holding = self.begun_again = False
         self.hold_command()
 
@@ -220,12 +256,31 @@ class StateHistory:
         off = periods - 1.0 if 0.0 <= periods <= 3.0 else 2.0
         self.slip += (off - self.slip) / PERIODS_MEANT
         if abs(self.slip) > SLIPPED:
+            self.code = "BAD_PERIOD"
             raise WrongPeriod(elapsed, period, self.slip)
+
+    def look(self, places: Mapping[str, slice], fresh: ArrayLike | None, periods: float, protected: Pausing) -> None:
+        """Note what the caller says of the readings: which were measured since the last step (p,), 1, or 0 where that
+        is not known, and after how many periods they come. After a pause they may have moved further; after a long one
+        the robot may be elsewhere, offsets are taken anew, and signs wait for the readings to settle. It is the rule of the exported C."""
+        readings = self.memory[places["readings"]].reshape(len(Readings._fields), -1)
+        now = Readings(*readings)
+        now.fresh[:] = 0.0 if fresh is None else np.maximum(fresh, 0.0)
+        if not PAUSES[0] < periods < math.inf:
+            return
+        now.since[now.since > 0.0] += periods - 1.0
+        if periods <= PAUSES[1]:
+            return
+        self.memory[places.get("offset_known", NOWHERE)] = 0.0
+        self.memory[places.get("motion", NOWHERE)].reshape(4, -1)[2] = -protected.settles
+        self.memory[places.get("away", NOWHERE)].reshape(3, -1)[1] = -protected.free
+        self.memory[places.get("pauses", NOWHERE)] += float(periods > protected.longest)
 
     def good(self, measured: bool) -> None:
         """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is
         allocated: this is a part of the step in real time."""
         self.failed, self.waiting = False, self.waiting and not measured
+        self.code = "OK" if measured else "PREDICTED"
         self.samples += 1
         if self.samples == SPACING:
             self.older, self.newer = self.newer, self.older
@@ -236,9 +291,11 @@ class StateHistory:
         """Note that a step ended with a code, whose command then does not hold. Where its result was bad, for the
         second time since the last good sample, go back to an earlier memory (True)."""
         self.hold_command()
+        self.code = {BAD_MEASUREMENT: "BAD_MEASUREMENT", BAD_REFERENCE: "BAD_COMMAND"}.get(code, "BAD_RESULT")
         if code != BAD_RESULT or not self.failed:
             self.failed = self.failed or code == BAD_RESULT
             return False
+        self.code = "WENT_BACK"
         start = np.array_equal(self.older, self.start)
         if start and self.begun_again:  # the start that was told is bad itself
             self.start[:] = self.older[:] = self.designed

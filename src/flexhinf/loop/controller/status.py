@@ -38,6 +38,7 @@ from flexhinf.arrays import Number, Numbers
 from flexhinf.codegen import gives
 from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.options import Limits
+from flexhinf.loop.controller.signs import Watch
 from flexhinf.loop.shared import BRAKING
 from flexhinf.notebook import StatedRepr
 from flexhinf.numerals import number, number_text
@@ -65,6 +66,14 @@ class Status(enum.IntFlag):
     DOUBTFUL_ESTIMATE = 16
     FOLLOWING_ERROR = 32
     BLOCKED = 64
+    REPEATED_FRAME = 128
+    SENSOR_LOST = 256
+    INCONSISTENT = 512
+    RUNNING_AWAY = 1024
+    TOO_FAST = 2048
+    OPPOSED = 4096
+    OSCILLATING = 8192
+    STUCK = 16384
 
     def __str__(self) -> str:
         """Names of the bits that are set; `format` and the exported C have the number."""
@@ -79,7 +88,18 @@ WATCHED = (
     Status.REACTING,
     Status.FOLLOWING_ERROR,
     Status.BLOCKED,
+    Status.REPEATED_FRAME,
+    Status.SENSOR_LOST,
+    Status.INCONSISTENT,
+    Status.RUNNING_AWAY,
+    Status.TOO_FAST,
+    Status.OPPOSED,
+    Status.OSCILLATING,
+    Status.STUCK,
 )
+
+#: How many of them a supervision watches; the others are those of a protection.
+SUPERVISED = 6
 
 #: What can be reacted to, in the order of the flags, and how: about a standing command, and about a moving reference.
 REACTIONS = {
@@ -310,11 +330,20 @@ def possible_status(
         "blocked": (Status.BLOCKED, bool(mode.resisted)),
     }
     able |= Status.REACTING if mode.governed else Status(0)
+    able |= possible_signs(mode.protected) if mode.protected else Status(0)
     for event, (bit, possible) in bits.items():
         if possible:
             reacts = supervision.reactions.get(event, "none") != "none"
             able |= bit | (Status.REACTING if reacts else Status(0))
     return able
+
+
+def possible_signs(watch: Watch) -> Status:
+    """The bits that a protection can set."""
+    always = Status.REPEATED_FRAME | Status.SENSOR_LOST | Status.RUNNING_AWAY | Status.TOO_FAST
+    always |= Status.OPPOSED | Status.OSCILLATING
+    inconsistent = Status.INCONSISTENT if watch.pairs else Status(0)
+    return always | inconsistent | (Status.STUCK if watch.alone else Status(0))
 
 
 def watched_numbers(
@@ -331,12 +360,17 @@ def _spread(value: Any, size: int) -> np.ndarray:
     return np.broadcast_to(array if array.shape in ((), (size,)) else np.nan, (size,))
 
 
-def first_counters(inputs: int, tracked: int, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
+def first_counters(
+    inputs: int, tracked: int, reactions: tuple[str, ...], protected: bool
+) -> dict[str, np.ndarray]:
     """Parts of the memory before the first sample, which itself counts no swing."""
     if not reactions:
         return {}
     signals = np.ones(inputs + tracked)
-    counters = {"watch": np.outer([0.0, 1.0, 0.0, 0.0, 0.0], signals), "status": np.zeros(len(WATCHED))}
+    counters = {
+        "watch": np.outer([0.0, 1.0, 0.0, 0.0, 0.0], signals),
+        "status": np.zeros(len(WATCHED) if protected else SUPERVISED),
+    }
     counters |= {} if set(reactions) == {"none"} else {"stop": np.array([0.0, 0.0, 1.0])}
     return counters | ({"ease": np.zeros(inputs)} if eases(reactions) else {})
 

@@ -36,16 +36,9 @@ from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
 from flexhinf.loop.controller.governor import believed, braked, brought_back, unwound
 from flexhinf.loop.controller.law_code import LawCode
-from flexhinf.loop.controller.measured import (
-    Source,
-    as_measured,
-    corrected,
-    faded,
-    plausible,
-    positions,
-    refusals,
-    standing,
-)
+from flexhinf.loop.controller.measured import Source, as_measured, corrected, faded, positions, standing
+from flexhinf.loop.controller.readings import believed_readings, refusals
+from flexhinf.loop.controller.signs import Seen, Watch, signs
 from flexhinf.loop.controller.status import doubted, eased, eases, observed, reaction
 from flexhinf.plant import Estimator
 from flexhinf.scalars import absolute, clip, where
@@ -68,7 +61,8 @@ class StepMode:
     `velocities`: places of the law's states that are zero at rest, where a moving reference may be held. `gaps`: places
     of links and motors with backlash between them. `governed`: of each tracked position, those of the states that are
     shifted with it, where far joints are brought back slowly; `resisted`: those of the velocities in the estimate,
-    where they let go of what keeps them; `turned`: T of joints that are coupled.
+    where they let go of what keeps them; `turned`: T of joints that are coupled; `curved`: whether springs have curves
+    that the estimator's model has not. `protected`: what the signs of a protective stop are read from.
     """
 
     moving: bool = False
@@ -90,6 +84,8 @@ class StepMode:
     governed: tuple[tuple[int, ...], ...] = ()
     resisted: tuple[int, ...] = ()
     turned: tuple[tuple[float, ...], ...] = ()
+    curved: bool = False
+    protected: Watch | None = None
 
     @property
     def eases(self) -> bool:
@@ -163,6 +159,7 @@ def controller_step(
     estimate: Any = y
     belief: Any = None
     queue, acted, waiting = None, memory.u, []
+    turns, read, repeated, expected = (), y, None, None
     if mode.latency:
         run.section("Inputs that wait for their instant, and the one that acted until this sample")
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
@@ -178,21 +175,24 @@ def controller_step(
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
-        measurement, turns = y, estimator.plant.angle_places(estimator.plant.outputs)
-        if mode.checks_measurements:
-            y, seen = run.call(
-                partial(plausible, turns), y, memory.seen, data.period, data.measurement_lower,
-                data.measurement_upper, data.measurement_rate,
-            )  # fmt: skip
-        if mode.has_offset:
+        measurement, turns, there = y, estimator.plant.angle_places(estimator.plant.outputs), None
+        if mode.has_offset or mode.checks_measurements:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
+        if mode.checks_measurements:
+            run.section("Readings that are believed")
+            y, seen, there, repeated = run.call(
+                partial(believed_readings, turns), y, expected, memory.readings, data.period, data.measurement_lower,
+                data.measurement_upper, data.measurement_rate, data.reading_steps, data.reading_windows,
+            )  # fmt: skip
+        read = y
+        if mode.has_offset:
             y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
         if mode.gaps:
             y, gap = run.call(partial(engaged, mode.gaps, turns), y, r, data.backlash)
         predicted = belief.mean
         belief, y = corrected(run, estimator, belief, y, acted, data)
         means = predicted, belief.mean
-        seen = run.call(refusals, seen, measurement, y) if mode.checks_measurements else None
+        seen = run.call(refusals, seen, measurement, there, y) if mode.checks_measurements else None
         estimate = belief.mean
         if "rcond" in belief._fields:
             doubt = run.call(doubted, belief.rcond, data.rcond_limit, memory.doubt)
@@ -233,7 +233,7 @@ def controller_step(
     kept, lag = dict[str, Any](), list[Any]()
     if mode.governed:
         run.section("Joints that are far from the command are shown one that brings them back slowly")
-        r, *lag, kept = brought_back(run, tracked, mode, (y, estimate), r, means, memory, data)
+        r, *lag, kept = brought_back(run, tracked, mode, (y, estimate), r, means, memory, data, estimator)
     active: Any = None
     run.section("Tracked positions, their integrals, and the law's argument")
     point, operating_input, relief = data.operating_point, data.operating_input, data.integral_relief
@@ -271,7 +271,7 @@ def controller_step(
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
-    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, **kept}
+    after |= {"queue": queue, "commands": commands, "doubt": doubt, "readings": seen, **kept}
     if mode.takes_over:
         run.section(
             "Where a law takes over: integrals that continue the last input, by Broyden's method, and a bias that fades"
@@ -308,6 +308,12 @@ def controller_step(
             memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
             data.following, *marks, *stop,
         )  # fmt: skip
+    if mode.protected is not None and seen is not None:
+        run.section("Signs of a robot that does not move as one within its tolerances")
+        places = Seen(read, expected, seen, turns, acted, u, position, commanded, kept.get("hold"))
+        flags, own = signs(run, mode.protected, boxed, places, memory, data)
+        after |= own
+        after["status"] = run.call(_status, after["status"], repeated, flags)
     if estimator is not None:
         if mode.speeds and not beliefs:
             u = run.call(partial(modelled, mode.speeds), u, r, data.dry_friction)
@@ -317,6 +323,11 @@ def controller_step(
 
 def _elements(places: Sequence[int], x: Any) -> Any:
     return np.asarray(x)[list(places)]
+
+
+@gives("status_next")
+def _status(watched: Any, repeated: Any, flags: Any) -> Any:
+    return np.concatenate([watched, repeated, flags])
 
 
 def _balanced(places: Sequence[int], ahead: Any, whole: Any, state: Any, push: Any) -> tuple[Any, Any]:

@@ -436,8 +436,7 @@ class Loop(Summarised):
             pacing.end(k)
         if "state" in recorded and samples:
             settings["start"] = start_text(box, recorded["state"][0], True, controller, np.zeros(0))
-        doubtful = stepped.doubtful_samples
-        return Trajectory.until(box, controller, times, recorded, settings, code, last, doubtful)
+        return Trajectory.until(box, controller, times, recorded, settings, code, last, stepped.told)
 
     def _has_failed(self, y: np.ndarray, state: np.ndarray | None) -> bool:
         """Whether a black box is broken: its state is not finite; or its measurement, beyond the gaps that an estimator

@@ -28,6 +28,7 @@ from flexhinf.codegen.noise import seed_key
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.memory import Told
 from flexhinf.loop.simulation.inputs import (
     PlantParameters,
     check_seed,
@@ -101,7 +102,7 @@ class Recorded(NamedTuple):
     steps: np.ndarray  # (N,), the last sample
     reduction_memory: np.ndarray  # (k, N), memories of the reductions
     kept: np.ndarray  # (N, T, j), signals at some samples, NaN after the last one of a run that failed
-    doubtful: np.ndarray  # (N,), samples at which the estimate was in doubt
+    told: np.ndarray  # (3, N), `Told` of each
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +209,7 @@ class Ensemble:
             dict(zip(self.tracking, by_state)),
             common,
             recorded.kept,
-            recorded.doubtful,
+            Told(*recorded.told.astype(int)),
         )
 
     def trajectories(
@@ -258,7 +259,7 @@ class Ensemble:
                     self._settings(some, k),
                     int(result.codes[k]),
                     int(result.steps[k]),
-                    int(result.doubtful[k]),
+                    Told(*result.told[:, k].astype(int).tolist()),
                 )
 
     def single(self, seed: int, parts: int) -> PreparedRun:
@@ -277,8 +278,8 @@ class Ensemble:
     def _room(self, count: int, traced: int | None = None) -> Recorded:
         kept = (count if traced is None else min(traced, count), len(self.instants), len(self.kept))
         memories = len(self.reduction_memory), count
-        codes, steps, doubtful = (np.zeros(count, int) for _ in range(3))
-        return Recorded(codes, steps, np.zeros(memories), np.zeros(kept), doubtful)
+        codes, steps = (np.zeros(count, int) for _ in range(2))
+        return Recorded(codes, steps, np.zeros(memories), np.zeros(kept), np.zeros((3, count)))
 
     def _in_lanes(
         self,
@@ -307,20 +308,18 @@ class Ensemble:
         return recorded
 
     def _on_gpu(self, plants: EnsemblePlants, recorded: Recorded) -> None:
-        doubts, whole = self.controller.doubts, self.reduction_memory
+        told, whole = Told.places(self.controller.memory.places), self.reduction_memory
         instants = self.instants if len(recorded.kept) else self.instants[:1]  # where no signal is kept
         columns = np.add.outer(instants * len(self.kept), np.arange(len(self.kept)))
         places = {"reduction_memory": np.arange(len(whole)), "kept": columns.ravel()}
-        if doubts:
-            memory = self.controller.memory
-            places["memory"] = np.arange(memory.size)[memory.places["doubt"]][1:2]
+        places["memory"] = np.array([place for _, place in told], dtype=int)
         places = {name: some for name, some in places.items() if len(some)}
         for rows, number, data in self._arrays(plants):
             kernel = self._gpu_kernel(number, tuple(places), "data" in plants.own)
             ended = kernel.run(data.taken(rows), len(rows), places)
             recorded.codes[rows], recorded.steps[rows] = ended.codes, ended.steps
-            if doubts:
-                recorded.doubtful[rows] = ended.returned["memory"][0]
+            for (row, _), counts in zip(told, ended.returned.get("memory", ()), strict=True):
+                recorded.told[row, rows] = counts
             if len(whole):
                 recorded.reduction_memory[:, rows] = ended.returned["reduction_memory"]
             if self.kept:
@@ -371,7 +370,8 @@ class Ensemble:
             run()
             ends = np.array([run.status.code, run.status.step]).reshape(2, -1)
             recorded.codes[rows], recorded.steps[rows] = ends[:, :count]
-            recorded.doubtful[rows] = self.controller.doubts_in(arrays["memory"])[:count]
+            told = Told.in_memory(self.controller.memory.places, arrays["memory"])
+            recorded.told[:, rows] = [counts[:count] for counts in told]
             if "reduction_memory" in arrays:
                 recorded.reduction_memory[:, rows] = arrays["reduction_memory"][:, :count]
             if self.kept and rows[0] < len(recorded.kept):
@@ -389,7 +389,7 @@ class Ensemble:
         settings = [dict(self.settings) for _ in range(len(plants))]
         for k, (run, code, last) in enumerate(self._in_turn(plants, settings, threads)):
             recorded.codes[k], recorded.steps[k] = code, last
-            recorded.doubtful[k] = run.doubtful_samples
+            recorded.told[:, k] = run.told
             if code == 0 and len(recorded.reduction_memory):
                 reduction_memory = self.reduction_memory
                 arrays = {

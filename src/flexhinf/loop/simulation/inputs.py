@@ -16,6 +16,7 @@ from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.memory import Told
 from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, SignalLike, Sine, Step
 from flexhinf.loop.simulation.program import BLOCK, noise_kernel
@@ -64,8 +65,8 @@ class Stepped(Protocol):
         ...
 
     @property
-    def doubtful_samples(self) -> int:
-        """Samples at which the estimate was in doubt."""
+    def told(self) -> Told:
+        """Counts since the start."""
         ...
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.loop.controller.memory import Told
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import unknown_name, value_text
 
@@ -385,7 +386,12 @@ class EnsembleResult:
     by_state: Mapping[str, Mapping[str, np.ndarray]]  # metrics (N,) of each of `Controller.judged`, by name
     common: Mapping[str, np.ndarray]  # metrics (N,) or (N, j) of the whole run, by name
     kept: np.ndarray  # (N, T, k), signals at the ensemble's instants; NaN after a run diverged
-    doubtful_samples: np.ndarray  # (N,), samples at which the estimate was in doubt
+    told: Told  # counts (N,) of the controllers
+
+    @property
+    def doubtful_samples(self) -> np.ndarray:
+        """Samples at which the estimate was in doubt, (N,)."""
+        return self.told.doubtful
 
     @property
     def completed(self) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.loop.controller.memory import Told
 from flexhinf.loop.simulation.inputs import check_seed, white_noise
 from flexhinf.loop.simulation.program import LoopCode
 from flexhinf.loop.simulation.trajectory import Trajectory
@@ -67,10 +68,8 @@ class PreparedRun:
         arrays["inputs"] = arrays["inputs"][counts["late"] :]
         rows = {signal: arrays[name].reshape(len(self.times), -1) for name, (signal, _) in RECORDED.items()}
         signals, end = rows | self.recorded, (int(status.code), int(status.step))
-        doubtful = code.controller.doubts_in(arrays["memory"])
-        run = Trajectory.until(
-            code.plant, code.controller, self.times, signals, self.settings, *end, int(doubtful)
-        )
+        told = Told.in_memory(code.controller.memory.places, arrays["memory"])
+        run = Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end, told)
         return run, *end
 
 

@@ -29,7 +29,8 @@ from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
 from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.measured import by_flag, within
+from flexhinf.loop.controller.measured import by_flag
+from flexhinf.loop.controller.readings import believable
 from flexhinf.loop.simulation.metrics import Instant, Reduction
 from flexhinf.plant import BlackBox, Plant, Sensor, SensorTable, chosen, known, rk4_step
 from flexhinf.scalars import drop_empty, maximum, trace
@@ -425,7 +426,7 @@ def _waiting_steps(
     (flag,), started = b.whole("measured", 1, "work"), kept.places["started"].start
 
     def measured(y: Any, memory: Any, *box: Any) -> Any:
-        there = within(y, *box) if box else known(y)
+        there = believable(y, *box) if box else known(y)
         return np.array([maximum(memory[started], reduce(maximum, there))])
 
     limits = (

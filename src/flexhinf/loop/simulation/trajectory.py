@@ -14,6 +14,8 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.memory import NOTHING_TOLD, Told
+from flexhinf.loop.controller.stop import Stop
 from flexhinf.loop.simulation.metrics import (
     RunMetrics,
     no_metrics,
@@ -65,8 +67,8 @@ class Trajectory(Summarised):
     diverged_at, message : float or None, and str
         Of a run that diverged to numbers that are not finite: the time of its last sample, s; and what is no longer
         finite, when, and what to try.
-    doubtful_samples : int
-        At how many samples the estimate was in doubt, see `Controller.doubtful_samples`.
+    told : Told
+        Counts of the controller: see `doubtful_samples`, `stop_time` and `stop_reasons`.
 
     Examples
     --------
@@ -89,7 +91,22 @@ class Trajectory(Summarised):
     judged: tuple[str, ...] = ()
     diverged_at: float | None = None
     message: str = ""
-    doubtful_samples: int = 0
+    told: Told = NOTHING_TOLD
+
+    @property
+    def doubtful_samples(self) -> int:
+        """At how many samples the estimate was in doubt, see `Controller.doubtful_samples`."""
+        return int(self.told.doubtful)
+
+    @property
+    def stop_time(self) -> float | None:
+        """When a protective stop would have begun, s; None where none would. The run goes on without it."""
+        return float(self.time[int(self.told.stop_sample) - 1]) if self.told.stop_sample else None
+
+    @property
+    def stop_reasons(self) -> Stop:
+        """Why it would have begun."""
+        return Stop(int(self.told.stop_bits))
 
     @property
     def status(self) -> str:
@@ -105,7 +122,7 @@ class Trajectory(Summarised):
         settings: dict[str, Any],
         code: int,
         last: int,
-        doubtful_samples: int,
+        told: Told,
     ) -> Trajectory:
         """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
         `program` failed with this code, or before the run was stopped (a negative code)."""
@@ -132,13 +149,16 @@ class Trajectory(Summarised):
         table = {**(controller.estimator.plant.units if controller.estimator else {}), **plant.units}
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
         end = float(time[-1]) if message else None
-        return Trajectory(
-            time, signals, names, units, settings, controller.judged, end, message, doubtful_samples
-        )
+        return Trajectory(time, signals, names, units, settings, controller.judged, end, message, told)
 
     @property
     def _attributes(self) -> dict[str, str]:  # of files and of `data`
         facts = {**self.settings, "status": self.status, "doubtful_samples": self.doubtful_samples}
+        facts |= (
+            {}
+            if self.stop_time is None
+            else {"stop_time": self.stop_time, "stop_reasons": int(self.stop_reasons)}
+        )
         return {name: str(value) for name, value in facts.items()}
 
     @property
@@ -299,6 +319,11 @@ class Trajectory(Summarised):
             "status": self.message or self.status,
             "time": f"{number_text(float(self.time[-1]), 's')}, {len(self.time)} samples",
             **({"start": start} if start else {}),
+            **(
+                {"stop": f"at {number_text(self.stop_time, 's')}: {self.stop_reasons}"}
+                if self.stop_time
+                else {}
+            ),
             **({"doubtful estimate": f"{self.doubtful_samples} samples"} if self.doubtful_samples else {}),
         }
         if not self.judged or self.diverged_at is not None:

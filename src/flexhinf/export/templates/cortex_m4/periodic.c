@@ -22,11 +22,13 @@ extern int drives_enabled(void);
 extern int read_sensors(@{name}_real *y);
 extern void read_command(@{name}_real *r, @{name}_real path_rate);
 extern void drive_motors(const @{name}_real *u);
+extern @{name}_real seconds_since_sample(void);
 extern void report(int code);
+extern void refused(int why);
 extern void restart_watchdog(void);
-extern void brake(int code);
+extern void brake(int stop);
 
-@{drives.may_act()}
+@{drives.begin_with()}
 void tick(void); /* the handler of SysTick: in some vector tables it is called SysTick_Handler */
 
 static @{name}_state state;
@@ -58,7 +60,7 @@ void tick(void)
         code = begin();
         if (code != @{NAME}_WAITING) { /* two exports, or compiled with flags that change results */
             SYSTICK_CONTROL = 0;
-            brake(code);
+            brake(@{NAME}_STOP_STEP_FAILED);
             return;
         }
     }
@@ -68,18 +70,19 @@ void tick(void)
     if (@{NAME}_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
         drive_motors(output.u);
     }
+    input.elapsed = seconds_since_sample();
     code = @{name}_step(&state, &@{name}_defaults, &input, &output);
     report(code);
+    if (@{NAME}_ENABLED == 0 && @{name}_may_act(&state, &@{name}_defaults, code, &output) == 0) { /* it is called no more: look at the robot, then begin again with @{name}_start */
+        SYSTICK_CONTROL = 0;
+        brake(output.stop);
+        return;
+    }
     if (code == @{NAME}_OK) {
         restart_watchdog();
     }
-    if (!may_act(code, &output)) { /* it is called no more: look at the robot, then begin again with @{name}_start */
-        SYSTICK_CONTROL = 0;
-        brake(code);
-    } else if (@{NAME}_LATENCY == 0) {
-        drive_motors(output.u);
-    } else {
-        /* it acts from the next sample on */
+    if (@{NAME}_LATENCY == 0) {
+        drive_motors(output.u); /* else it acts from the next sample on */
     }
     late = (INTERRUPT_STATE & SYSTICK_PENDING) != 0u;
 }

@@ -10,9 +10,11 @@ int drives_enabled(void);
 int read_sensors(@{name}_real *y);
 void read_command(@{name}_real *r, @{name}_real path_rate);
 void drive_motors(const @{name}_real *u);
+@{name}_real seconds_since_sample(void);
 void report(int code);
+void refused(int why);
 void restart_watchdog(void);
-void brake(int code);
+void brake(int stop);
 
 static int samples, code_before, failed;
 static @{name}_real largest;
@@ -55,12 +57,16 @@ void drive_motors(const @{name}_real *u)
     }
 }
 
+@{name}_real seconds_since_sample(void) { return 0; }
+
 void report(int code) { code_before = code; }
+
+void refused(int why) { (void)why; }
 
 void restart_watchdog(void) {}
 
-void brake(int code)
+void brake(int stop)
 {
-    printf("@{name} in a periodic task: braked at sample %d, code %d: FAILED\n", samples, code);
+    printf("@{name} in a periodic task: braked at sample %d, stop %d: FAILED\n", samples, stop);
     exit(1);
 }

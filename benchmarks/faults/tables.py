@@ -1,0 +1,184 @@
+"""Tables of faults: how many runs ended how, and the worst of each."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.faults.arms import ARMS
+from benchmarks.faults.kinds import FAULTS, GROUPS, HARMLESS, MOVES, MOVES_OF_A_RUN, OUTSIDE
+from benchmarks.faults.verdict import FAILURES, VERDICTS, judged, judged_harmless
+
+__all__ = ["KEPT", "TABLES", "failures", "summary", "trips"]
+
+#: What the docs show.
+KEPT = Path(__file__).resolve().parent / "results.json"
+
+
+def failures(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows of faults that fail the rule."""
+    return [row for row in rows if row["fault"] in FAULTS and judged(row) in FAILURES]
+
+
+def trips(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows of what is harmless, that something stopped."""
+    return [row for row in rows if row["fault"] not in FAULTS and not judged_harmless(row)]
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """By arm and fault: how many runs ended how, and the worst numbers of those that were noticed."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        own = found.setdefault(row["arm"], {}).setdefault(row["fault"], {"runs": 0})
+        verdict = judged(row) if row["fault"] in FAULTS else "kept" if judged_harmless(row) else "tripped"
+        own["runs"] += 1
+        if row["hidden"]:
+            own["why"] = row["hidden"]
+        own[verdict] = own.get(verdict, 0) + 1
+        if row["noticed"] and not row["early"]:
+            own["category"] = sorted({*own.get("category", []), row["category"]})
+            ratio = row["furthest"] / max(row["ideal"], 1e-3)
+            wrong, way = row["wrong_at_notice"], row["furthest"]
+            worst = {
+                "when": row["when"],
+                "wrong": wrong,
+                "furthest": way,
+                "ratio": ratio,
+                "fell": row["fell"],
+            }
+            for key, value in worst.items():
+                own[key] = max(own.get(key, 0.0), float(f"{value:.4g}"))
+    return found
+
+
+def _cells(texts: Sequence[str]) -> str:
+    return f"| {' | '.join(texts)} |"
+
+
+def _head(texts: Sequence[str]) -> list[str]:
+    return [_cells(texts), f"|{'---|' * len(texts)}"]
+
+
+def kept(file: Path = KEPT) -> dict[str, Any]:
+    """The results that the docs show."""
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def by_fault(results: Mapping[str, Any]) -> str:
+    """A line for each fault: of each arm how many runs were kept, harmless, and failed; the worst of all arms."""
+    arms = results["arms"]
+    lines = _head(
+        (
+            "fault",
+            *arms,
+            "noticed after",
+            "wrong motion by then",
+            "furthest, of the ideal stop",
+            "falls",
+            "category",
+        )
+    )
+    for name in FAULTS:
+        every = [arms[arm][name] for arm in arms if name in arms[arm]]
+        if every:
+            lines.append(_cells([name, *(_ended(arms[arm].get(name)) for arm in arms), *_worst(every)]))
+    return "\n".join([*lines, "", _counted(arms)])
+
+
+def _worst(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of the arms' runs that were noticed."""
+    noticed = [one for one in found if "when" in one]
+    if not noticed:
+        return [""] * 5
+    when, wrong, way, ratio, fell = (
+        max(one[key] for one in noticed) for key in ("when", "wrong", "furthest", "ratio", "fell")
+    )
+    category = sorted({each for one in noticed for each in one["category"]})
+    return [
+        f"{1e3 * when:.3g} ms", f"{wrong:.2g} rad", f"{way:.2g} rad, {ratio:.3g}", f"{fell:.2g} rad" if fell else "",
+        ", ".join(map(str, category)),
+    ]  # fmt: skip
+
+
+def _ended(one: Mapping[str, Any] | None) -> str:
+    """Of an arm's runs of a fault."""
+    if one is None:
+        return ""
+    bad = ", ".join(f"{one[name]} {name}" for name in FAILURES if name in one)
+    good = [f"{one[name]} {name}" for name in ("kept", "harmless", "stands", "hidden") if name in one]
+    return ", ".join([*good, *([f"**{bad}**"] if bad else [])])
+
+
+def _counted(arms: Mapping[str, Any]) -> str:
+    counts = _verdicts(arms, FAULTS)
+    return (
+        f"{counts.total()} runs: "
+        + ", ".join(f"{counts[name]} {name}" for name in VERDICTS if counts[name])
+        + "."
+    )
+
+
+def _verdicts(arms: Mapping[str, Any], names: Collection[str]) -> Counter[str]:
+    """How many runs of these faults ended how."""
+    counts = Counter[str]()
+    for faults in arms.values():
+        for name in set(names) & set(faults):
+            counts.update({key: faults[name][key] for key in VERDICTS if key in faults[name]})
+    return counts
+
+
+def by_group(results: Mapping[str, Any]) -> str:
+    """A line for each group of faults: how many runs ended how."""
+    arms = results["arms"]
+    ends = [name for name in VERDICTS if _verdicts(arms, FAULTS)[name]]
+    lines = _head(("faults of", "kinds and sides", "runs", *ends))
+    for title, faults in GROUPS.items():
+        counts = _verdicts(arms, [fault.name for fault in faults])
+        lines.append(
+            _cells(
+                [title, str(len(faults)), str(counts.total()), *(str(counts[name] or "") for name in ends)]
+            )
+        )
+    return "\n".join([*lines, "", *(f"- {name}: {VERDICTS[name]}" for name in ends)])
+
+
+def hidden(results: Mapping[str, Any]) -> str:
+    """What the sensors of an arm cannot show, why, and what does."""
+    arms = results["arms"]
+    lines = _head(("fault", "arms", "why their sensors cannot show it", "what does"))
+    for name in FAULTS:
+        those = [arm for arm in arms if "why" in arms[arm].get(name, {})]
+        if those:
+            why = arms[those[0]][name]["why"]
+            lines.append(_cells([name, ", ".join(those), why, OUTSIDE[why]]))
+    return "\n".join(lines)
+
+
+def harmless(results: Mapping[str, Any]) -> str:
+    """What may not stop an arm: runs, and how many were stopped."""
+    arms = results["arms"]
+    lines = _head(("event", *arms))
+    for name in (*HARMLESS, MOVES.name):
+        about = f"{name}, {MOVES_OF_A_RUN} a run" if name == MOVES.name else name
+        found = [arms[arm].get(name) for arm in arms]
+        cells = ["" if one is None else f"{one.get('tripped', 0)} of {one['runs']}" for one in found]
+        lines.append(_cells([about, *cells]))
+    return "\n".join(lines)
+
+
+def arms(results: Mapping[str, Any]) -> str:
+    """The arms, and by which command the results were made."""
+    lines = [f"- `{name}`: {ARMS[name].about}" for name in results["arms"] if name in ARMS]
+    return "\n".join([*lines, "", f"Made by `{results['command']}`."])
+
+
+TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "arms": arms,
+    "groups": by_group,
+    "hidden": hidden,
+    "harmless": harmless,
+    "faults": by_fault,
+}
