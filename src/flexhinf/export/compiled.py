@@ -29,8 +29,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
-from flexhinf.loop.controller.memory import Told
-from flexhinf.loop.controller.stop import Stop
+from flexhinf.stops import Stop
 from flexhinf.validation import (
     checked_path,
     one_of,
@@ -43,6 +42,7 @@ from flexhinf.validation import (
 if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
     from flexhinf.loop import Controller
+    from flexhinf.loop.controller.memory import Told
 
 
 def compile_controller(
@@ -79,6 +79,7 @@ def compile_controller(
 
     from flexhinf.export.controller_c import SOURCES, code_of
     from flexhinf.export.file_list import File, rendered
+    from flexhinf.loop.controller.memory import Told
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)
@@ -402,6 +403,8 @@ class CompiledController:
     @property
     def told(self) -> Told:
         """As `Controller.told`."""
+        from flexhinf.loop.controller.memory import Told  # loads CasADi, which a step needs not
+
         counts = [0.0, 0.0, 0.0]
         for row, place in self._told_places:
             counts[row] = float(self._state[place])

@@ -55,15 +55,16 @@ from flexhinf.loop.controller.options import (
 from flexhinf.loop.controller.protection import Pausing, Protection
 from flexhinf.loop.controller.readings import Readings, believable, first_readings
 from flexhinf.loop.controller.signs import first_signs
+from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import STEPS, StepMode, controller_step
-from flexhinf.loop.controller.slowing import voters_of
-from flexhinf.loop.controller.stop import Stop, decided, first_stop, reasons, stop_numbers
+from flexhinf.loop.controller.stop import decided, first_stop, reasons, stop_numbers
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.plant.plant import equilibrium_at
 from flexhinf.scalars import drop_empty, trace
+from flexhinf.stops import Stop
 from flexhinf.validation import read_only, real_array, value_text
 
 #: Operations up to which a step is one trace, whose parts share subexpressions; above, it is of pieces in loops.

@@ -18,6 +18,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.options import Listed
 from flexhinf.loop.controller.signs import SIGNS, Pair, Watch
 from flexhinf.plant import Estimator
+from flexhinf.stops import STOPS
 from flexhinf.validation import one_of, real_array, value_text
 
 #: Time constant of the observer of a motor, s, and the largest part of it in a sample.
@@ -31,20 +32,6 @@ FREE = 2.0
 
 #: Time over which the speed of a reading is averaged at least, s.
 WINDOW = 0.01
-
-#: What may stop the robot, and what it says.
-STOPS = {
-    "wrong_period": "the steps are called at another period",
-    "step_failed": "the step cannot go on",
-    "bad_start": "the robot does not rest where it can be started",
-    "sensor_lost": "a sensor was missing or refused for longer than it may be",
-    "inconsistent": "encoders, drive and spring of a joint contradict each other",
-    "running_away": "a joint moves away from its command",
-    "too_fast": "a joint is faster than its limit allows",
-    "opposed": "an input is at its limit against a motion that does not slow down",
-    "oscillating": "an input swings by most of its range again and again, or more and more",
-    "stuck": "the encoder of a motor stands though the motor cannot",
-}
 
 #: Bits of the reasons that are signs, in their order.
 SIGN_BITS = tuple(1 << list(STOPS).index(name) for name in ("bad_start", *SIGNS))
@@ -128,7 +115,7 @@ class Protection(Listed):
     drive : {"torque", "velocity", "position"}
         What the inputs are, for a controlled stop; currents and voltages count as torques.
     stop_on : sequence of str
-        What stops the robot, of `STOPS`; all by default.
+        What stops the robot, of `flexhinf.stops.STOPS`; all by default.
 
     Raises
     ------

@@ -13,17 +13,16 @@ becomes faster or does not do what the input should make of it: then the drive i
 
 from __future__ import annotations
 
-import enum
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.arrays import Element, Elements, Vector
-from flexhinf.loop.controller.protection import STOPS
 from flexhinf.loop.controller.signs import PAUSES, SIGNS
 from flexhinf.loop.controller.slowing import Masses, Moving, Voters, first_moving, masses_of, moved
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
+from flexhinf.stops import STOPS, Stop
 
 #: Longest controlled stop, and how long joints must stand before it ends, s; time after which it must have made them
 #: slower, s.
@@ -42,28 +41,6 @@ HOLDS = 0.125
 
 #: Time constant of a command of positions or velocities that ends, s.
 ENDING = 0.03
-
-
-class Stop(enum.IntFlag):
-    """Reasons of a protective stop, in the order of their bits; the exported C has the same numbers."""
-
-    WRONG_PERIOD = 1
-    STEP_FAILED = 2
-    BAD_START = 4
-    SENSOR_LOST = 8
-    INCONSISTENT = 16
-    RUNNING_AWAY = 32
-    TOO_FAST = 64
-    OPPOSED = 128
-    OSCILLATING = 256
-    STUCK = 512
-
-    def __str__(self) -> str:
-        """What each reason says; `format` and the exported C have the number."""
-        return (
-            "; ".join(text for name, text in STOPS.items() if Stop[name.upper()] in self)
-            or "nothing stops it"
-        )
 
 
 #: Codes of a step that cannot go on, by their names in exported C.
@@ -112,8 +89,8 @@ class StopState(NamedTuple):
 
 def first_stop(u: Vector) -> StopState:
     """Before a stop, with the input before the first sample (m,)."""
-    return StopState(
-        np.zeros(len(Stop)), np.ones(1), np.zeros(1), np.zeros(1), u, *(0.0 * u,) * 7, *first_moving(len(u))
+    return StopState._make(
+        [np.zeros(len(Stop)), np.ones(1), np.zeros(1), np.zeros(1), u, *(0.0 * u,) * 7, *first_moving(len(u))]
     )
 
 
