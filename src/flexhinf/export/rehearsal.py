@@ -16,6 +16,7 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
 from flexhinf.export.recording import Recording, history_of
+from flexhinf.export.stop_rehearsal import stop_values
 from flexhinf.loop.controller.options import holding_function
 
 
@@ -64,6 +65,7 @@ def contract_values(code: ControllerCode, run: Recording, tight: float) -> dict[
         "tries": tries(code),
         "rests": rests(code),
         "slower": slower(code) if code.slows else [],
+        **stop_values(code),
         "first_y": run.y[0],
         "first_r": run.r[0],
         "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,

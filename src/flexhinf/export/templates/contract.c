@@ -647,7 +647,6 @@ static void wide(void)
     give();
 }
 
-{% if rests or starts %}
 static @{name}_real farthest;
 
 static int near(@{name}_real found, @{name}_real expected)
@@ -658,7 +657,8 @@ static int near(@{name}_real found, @{name}_real expected)
     return away <= @{number(tight)};
 }
 
-{% endif %}
+{% include "contract_stop.c" %}
+
 {% if starts %}
 /* A start elsewhere without an input begins with the one that holds the robot there. */
 static void held_starts(void)
@@ -883,6 +883,15 @@ int main(void)
     periods();
     limits();
     wide();
+    reasons();
+{% if code.rests %}
+#ifndef @{NAME}_WITHOUT_REST
+{% endif %}
+    stops();
+{% if code.rests %}
+#endif
+{% endif %}
+    looks();
 {% if starts %}
     held_starts();
 {% endif %}
@@ -897,10 +906,8 @@ int main(void)
 {% if far %}
     far_away();
 {% endif %}
-{% if rests or starts %}
-    printf("@{name}: rest and starts, farthest %.3g from what was computed elsewhere (allowed %.3g)\n", (double)farthest,
+    printf("@{name}: rest, starts and stops, farthest %.3g from what was computed elsewhere (allowed %.3g)\n", (double)farthest,
            @{"%.3g" | format(tight)});
-{% endif %}
     printf("@{name}: the contract %s\n", (wrong == 0) ? "holds: passed" : "is broken: FAILED");
     return (wrong == 0) ? 0 : 1;
 }

@@ -456,11 +456,11 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     return code;
 }
 
+{% if signs %}
 /* What speaks against a start by these readings, bit by bit. */
 static int @{name}_start_faults(const @{name}_state *state, const @{name}_param *param, const real *y)
 {
     int found = 0;
-{% if signs %}
     static const real moved[@{NAME}_MEASUREMENTS] = {@{start.moved}};
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         const int beyond = (y[i] < param->value[@{NAME}_P_MEASUREMENT_LOWER + i] || y[i] > param->value[@{NAME}_P_MEASUREMENT_UPPER + i]) ? 1 : 0;
@@ -482,14 +482,10 @@ static int @{name}_start_faults(const @{name}_state *state, const @{name}_param 
     }
 #endif
 {% endif %}
-{% else %}
-    (void)state;
-    (void)param;
-    (void)y;
-{% endif %}
     return found;
 }
 
+{% endif %}
 int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, int *why)
 {
     int code = @{NAME}_WAITING;
@@ -499,10 +495,14 @@ int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{na
             *why = @{NAME}_START_MISSING;
         }
     }
+{% if signs %}
     if (*why == 0) {
         *why = @{name}_start_faults(state, param, input->y);
         code = (*why == 0) ? code : @{NAME}_BAD_START;
     }
+{% else %}
+    (void)param;
+{% endif %}
     if (*why != 0) {
         state->looks = 0;
     } else {
@@ -553,7 +553,7 @@ static void @{name}_reasons(const @{name}_state *state, const @{name}_param *par
 
 int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output)
 {
-    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], next[@{stop_size}];
+    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], acts[@{NAME}_INPUTS], next[@{stop_size}];
     const real category = (real)param->category;
     int power = 0;
     int bit = 1;
@@ -574,7 +574,8 @@ int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, 
     }
 #endif
 {% endif %}
-    @{decided}(state->stop, reasons, output->u, hold, state->memory@{" + " + NAME + "_AT_READINGS_LAST" if signs else ""}, &category, param->value, output->u, next);
+    @{decided}(state->stop, reasons, output->u, hold, state->memory@{" + " + NAME + "_AT_READINGS_LAST" if signs else ""}, &category, param->value, acts, next);
+    @{name}_copy(acts, output->u, @{NAME}_INPUTS);
     @{name}_copy(next, state->stop, @{stop_size});
     for (int i = 0; i < @{reasons | length}; ++i) {
         output->stop += (state->stop[i] > @{zero}) ? bit : 0;
