@@ -244,7 +244,8 @@ def install_advice(extra: str) -> str:
 
 
 def required_package(package: str, what: str, advice: str) -> ModuleType:
-    """As `optional_package`. Raises InvalidInput: it is not installed; `what`, `advice`: First and last part."""
+    """As `optional_package`. Raises InvalidInput: it is not installed; `what` and `advice` are its first and last
+    part."""
     if (module := optional_package(package)) is None:
         raise InvalidInput(what, f"expected the package {package!r}, which is not installed", advice)
     return module

@@ -418,7 +418,7 @@ class JointLimits:
     # rate, acceleration: (n,). Largest changes of the inputs that the drives take, per s and per s²
     rate: np.ndarray
     acceleration: np.ndarray
-    # clamp: (n,). Largest speeds that commands of a drive with its own loop may ask for: a controller keeps them, no plan
+    # clamp: (n,). Largest speeds that commands of a drive with its own loop may ask for: controllers keep them, no plan
     clamp: np.ndarray
     drive: str
     period: float  # Time between two inputs, s

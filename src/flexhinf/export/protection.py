@@ -516,7 +516,9 @@ class _Protected:
             return none, np.full(self.n, WINDOW)
         moved = np.where(self.elastic, self.motor_inertia, self.link_inertia)
         gain = np.where(self.elastic, np.abs(self.rates[0]) * moved, 1.0)
-        noise = np.array([self.noise_of(self.seen_of(j)) + self.step_of(self.seen_of(j)) / 3.0 for j in range(self.n)])
+        noise = np.array(
+            [self.noise_of(self.seen_of(j)) + self.step_of(self.seen_of(j)) / 3.0 for j in range(self.n)]
+        )
         room = HEARD * 0.5 * (np.array(c.limits.upper) - np.array(c.limits.lower))
         found, best = np.full(self.n, WINDOW), none
         for samples in SMOOTHED:

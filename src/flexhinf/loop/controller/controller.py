@@ -6,6 +6,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, Unpack, cast
 
@@ -217,9 +218,10 @@ class Controller(Summarised):
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
-            protection.watch(estimator, solution.input_names, self.measurement_limits, supervision) if protection else
-            None,
         )  # fmt: skip
+        if protection is not None:
+            watch = protection.watch(estimator, solution.input_names, self.measurement_limits, supervision)
+            self.mode = replace(self.mode, protected=watch)
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)

@@ -259,10 +259,13 @@ class StateHistory:
             self.code = "BAD_PERIOD"
             raise WrongPeriod(elapsed, period, self.slip)
 
-    def look(self, places: Mapping[str, slice], fresh: ArrayLike | None, periods: float, protected: Pausing) -> None:
+    def look(
+        self, places: Mapping[str, slice], fresh: ArrayLike | None, periods: float, protected: Pausing
+    ) -> None:
         """Note what the caller says of the readings: which were measured since the last step (p,), 1, or 0 where that
         is not known, and after how many periods they come. After a pause they may have moved further; after a long one
-        the robot may be elsewhere, offsets are taken anew, and signs wait for the readings to settle. It is the rule of the exported C."""
+        the robot may be elsewhere, offsets are taken anew, and signs wait for the readings to settle. It is the rule of
+        the exported C."""
         readings = self.memory[places["readings"]].reshape(len(Readings._fields), -1)
         now = Readings(*readings)
         now.fresh[:] = 0.0 if fresh is None else np.maximum(fresh, 0.0)

@@ -160,8 +160,9 @@ class Protection(Listed):
         g, p, k, m, a = sizes
         shapes = {
             "speed": (p,), "window": (p,), "step": (p,), "distance": (k,), "travel": (k,), "swing": (2, m),
-            "damping": (m,), "response": (m,), "winding": (2, m), "smoothing": (m,), "brakes": (m,), "moved": (m,), "twists": (g,), "inputs": (g,), "shares": (len(self.links),
-            g), "compliance": (g,), "rates": (5, g), "floor": (g,), "most": (g,), "unsure": (g,), "hardest": (a,),
+            "damping": (m,), "response": (m,), "winding": (2, m), "smoothing": (m,), "brakes": (m,), "moved": (m,),
+            "twists": (g,), "inputs": (g,), "shares": (len(self.links), g), "compliance": (g,), "rates": (5, g),
+            "floor": (g,), "most": (g,), "unsure": (g,), "hardest": (a,),
             "misplaced": (p,), "moved_at_start": (p,), "twist_at_start": (g,),
         }  # fmt: skip
         arrays = {name: np.array(getattr(self, name)) for name in shapes}
@@ -169,7 +170,17 @@ class Protection(Listed):
         if not g:
             arrays |= {"shares": np.zeros((len(self.links), 0)), "rates": np.zeros((5, 0))}
         apart = [name for name, shape in shapes.items() if arrays[name].shape != shape]
-        positive = ("speed", "window", "step", "distance", "travel", "swing", "smoothing", "hardest", "misplaced")
+        positive = [
+            "speed",
+            "window",
+            "step",
+            "distance",
+            "travel",
+            "swing",
+            "smoothing",
+            "hardest",
+            "misplaced",
+        ]
         apart += [name for name in positive if not apart and not np.all(arrays[name] > 0.0)]
         refuse_if(
             bool(apart),
@@ -215,7 +226,8 @@ class Protection(Listed):
             ]
             terms = tuple(tuple(i for i, rate in enumerate(row) if rate[j]) for row in self.spreads)
             own = places[twist] if twist else None
-            pairs.append(Pair(places[motor], tuple(links), own, list(inputs).index(input), self.drive != "torque", terms))
+            place = list(inputs).index(input)
+            pairs.append(Pair(places[motor], tuple(links), own, place, self.drive != "torque", terms))
         moved = tuple(places[name] if name else None for name in self.moved)
         return Watch(tuple(pairs), moved, tuple(places[name] for name in self.alone))
 
@@ -241,7 +253,9 @@ class Protection(Listed):
             "swing_sizes": np.array(self.swing),
             "motor_rates": rates,
             "motor_spreads": _table(self.spreads, 5, rates.shape[1]),
-            "motor_numbers": np.vstack([observer, [self.floor], [self.compliance], [self.most], [self.unsure], shares]),
+            "motor_numbers": np.vstack(
+                [observer, [self.floor], [self.compliance], [self.most], [self.unsure], shares]
+            ),
             "hardest": np.array(self.hardest),
             "misplaced": np.array(self.misplaced),
             "longest_unseen": np.array([self.longest_unseen], dtype=float),
@@ -268,8 +282,8 @@ def windows_and_steps(period: float, window: ArrayLike, step: ArrayLike) -> dict
 
 def observer_of(period: float, damping: float) -> tuple[float, ...]:
     """The first six numbers of an `Observer` of a motor that slows down by `damping`, 1/s: both eigenvalues of the
-    error are those of `OBSERVED`, or of one that is fast enough to correct the position by as large a share as that forgets in
-    a sample."""
+    error are those of `OBSERVED`, or of one that is fast enough to correct the position by as large a share as that
+    forgets in a sample."""
     damping = max(damping, 1e-6 / period)
     left = float(np.exp(-damping * period))
     way = (1.0 - left) / damping

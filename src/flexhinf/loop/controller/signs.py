@@ -7,8 +7,8 @@ with a few numbers of each joint in place of the whole model, and each lasts for
   spring has. Then the motor moves by J θ̈ = k_u u − B θ̇ − k_p θ − τ_s, whatever is done to the link: a push, a
   payload, an obstacle. An observer of the motor [luenberger1964] follows the encoder; the acceleration ρ that it lacks
   is compared with what robots at the ends of their tolerances lack there, Σ_i |∂θ̈/∂p_i| δp_i, and a floor of dry
-  friction, offsets and noise; of a drive with a loop of its own also with what that wants beyond its limit. A drive that is dead, reversed or full on, an encoder that jumps, sticks or drifts, a
-  spring that is broken are larger.
+  friction, offsets and noise; of a drive with a loop of its own also with what that wants beyond its limit. A drive
+  that is dead, reversed or full on, an encoder that jumps, sticks or drifts, a spring that is broken are larger.
 - *Running away.* A joint is far from its command, and went there by itself: its own way away from it is summed while it
   is beyond `distance`. A command that leaves a held joint, and a joint that comes back, sum nothing. Beyond `travel` it
   runs away; where the model does not explain what drives it, beyond `distance` already.
@@ -58,7 +58,8 @@ class Pair(NamedTuple):
     """Two readings of a joint that tell the twist of its spring, by their places in a measurement: the motor's
     position, and those of the links that move with it, with their rows in `Protection.shares`, or one of the twist or
     its torque.
-    `input`: the place of its input; `looped`: whether its drive has a loop of its own. `terms`: of each tolerance, which of the five rates it changes."""
+    `input`: the place of its input; `looped`: whether its drive has a loop of its own. `terms`: of each tolerance,
+    which of the five rates it changes."""
 
     motor: int
     links: tuple[tuple[int, int], ...]
@@ -116,8 +117,8 @@ def inconsistent(
     spreads: Elements,
     numbers: Elements,
 ) -> tuple[Elements, Elements]:
-    """Observed motors (4, g), their positions, speeds, whether these are known (below 0: not for so many samples), and for
-    how many samples a contradiction lasts; and whether there is one (1,).
+    """Observed motors (4, g), their positions, speeds, whether these are known (below 0: not for so many samples),
+    and for how many samples a contradiction lasts; and whether there is one (1,).
 
     y (p,) is what is believed, u (m,) the input that acted since the last sample. `rates` (5, g) are accelerations of a
     motor per input, per position, per twist of its spring, per its speed and per that of the twist; `spreads` (G, 5, g)
@@ -132,7 +133,9 @@ def inconsistent(
         theta, twist, seen = _twisted(pair, turns, y, at, own.compliance[j], shares[:, j])
         unwinds, half = _unwinding(pair, speeds, own.compliance[j], shares[:, j]), 0.5 * period[0]
         parts = u[pair.input], theta - half * speed, twist - half * unwinds, speeds[pair.motor], unwinds
-        ahead, turning, beside = _ahead(pair, at, speed, parts, rates[:, j], Observer(*(part[j] for part in own)), period[0])
+        ahead, turning, beside = _ahead(
+            pair, at, speed, parts, rates[:, j], Observer(*(part[j] for part in own)), period[0]
+        )
         goes_on = where(is_known > 0.5, seen, 0.0)
         lacking = where(goes_on > 0.5, theta - ahead, 0.0)
         rows = [(terms, row) for terms, row in zip(pair.terms, spreads) if terms]
@@ -150,7 +153,13 @@ def inconsistent(
 
 
 def _ahead(
-    pair: Pair, at: Element, speed: Element, parts: tuple[Element, ...], rate: Elements, own: Observer, period: Element
+    pair: Pair,
+    at: Element,
+    speed: Element,
+    parts: tuple[Element, ...],
+    rate: Elements,
+    own: Observer,
+    period: Element,
 ) -> tuple[Element, Element, Element]:
     """Where a motor is a sample later, how fast it is then, and by how much its acceleration is not known, where a
     drive's own loop saturates."""

@@ -75,7 +75,13 @@ def first_moving(inputs: int) -> Moving:
 
 
 def moved(
-    kept: Moving, readings: Elements, voters: Voters, masses: Masses, stops: Element, push: Elements, looked: Element
+    kept: Moving,
+    readings: Elements,
+    voters: Voters,
+    masses: Masses,
+    stops: Element,
+    push: Elements,
+    looked: Element,
 ) -> Moving:
     """The motion a sample later. In a stop (`stops` is 1, else 0) the inputs were larger by `push` (m,) than what holds
     the robot; where `looked` is 0 the readings are those of an earlier sample."""
@@ -89,7 +95,8 @@ def moved(
         known = where(other > 0.5, linked, seen[k])
         link = where(maximum(own, 1.0 - stops) > 0.5, known, going[1])
         columns.append((motor, link, stops * going[2]))
-    return Moving(*np.array(columns).T, seen, there)
+    motor, link, twist = np.array(columns).T
+    return Moving(motor, link, twist, seen, there)
 
 
 def _two_masses(

@@ -308,7 +308,7 @@ def controller_step(
             memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
             data.following, *marks, *stop,
         )  # fmt: skip
-    if mode.protected is not None and seen is not None:
+    if mode.protected is not None and seen is not None and expected is not None:
         run.section("Signs of a robot that does not move as one within its tolerances")
         places = Seen(read, expected, seen, turns, acted, u, position, commanded, kept.get("hold"))
         flags, own = signs(run, mode.protected, boxed, places, memory, data)

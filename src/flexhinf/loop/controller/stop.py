@@ -60,8 +60,9 @@ class StopState(NamedTuple):
     """What a protective stop remembers: `reasons` (r,), 1 or 0 each in the order of `Stop`; `power`, whether drives may
     have it, `samples` since the stop began, and those for which all joints have been `standing`, (1,) each; of each
     input (m,) its `last` value, the `base` of a controlled stop, its `rate` per sample, the mean speed of the motor
-    (`pace`), that when the stop began (`first`), and the mean speed of the link (`swing`), the speed of motor and link together then (`whole`), and what
-    inputs should have made of that (`given`); behind these the elements of `Moving`."""
+    (`pace`), that when the stop began (`first`), and the mean speed of the link (`swing`), the speed of motor and
+    link together then (`whole`), and what inputs should have made of that (`given`); behind these the elements of
+    `Moving`."""
 
     reasons: Elements
     power: Elements
@@ -89,9 +90,16 @@ class StopState(NamedTuple):
 
 def first_stop(u: Vector) -> StopState:
     """Before a stop, with the input before the first sample (m,)."""
-    return StopState._make(
-        [np.zeros(len(Stop)), np.ones(1), np.zeros(1), np.zeros(1), u, *(0.0 * u,) * 7, *first_moving(len(u))]
-    )
+    begun = [
+        np.zeros(len(Stop)),
+        np.ones(1),
+        np.zeros(1),
+        np.zeros(1),
+        u,
+        *[0.0 * u] * 7,
+        *first_moving(len(u)),
+    ]
+    return StopState(*begun)
 
 
 def decided(
@@ -129,7 +137,9 @@ def decided(
     body = share * moving.motor + (1.0 - share) * moving.link
     whole = _chosen(begins, body, kept.whole)
     given = stops * (kept.given + period * share * masses.response * push)
-    ends, standing = _ends(kept, pace, swing, first, body - whole, given, samples, stops, category, numbers, reasons[0])
+    ends, standing = _ends(
+        kept, pace, swing, first, body - whole, given, samples, stops, category, numbers, reasons[0]
+    )
     power = kept.power[0] * (1.0 - stops * ends)
     base, rate = _base(drive, kept, u, hold, moving, stops, begins, numbers)
     slowed = clip(base - damping * moving.motor, lower, upper)
@@ -140,12 +150,12 @@ def decided(
 
 
 def _ends(
-    kept: StopState, pace: Elements, swing: Elements, first: Elements, made: Elements, given: Elements, samples: Element,
-    stops: Element, category: Element, numbers: StopNumbers, blind: Element,
+    kept: StopState, pace: Elements, swing: Elements, first: Elements, made: Elements, given: Elements,
+    samples: Element, stops: Element, category: Element, numbers: StopNumbers, blind: Element,
 ) -> tuple[Element, Element]:  # fmt: skip
-    """Whether the power goes, 1 or 0, and for how many samples all joints have been standing: at rest, after the longest
-    time, and at once where a joint is faster, or inputs that should have `made` a change of its speed did not, or a loop
-    is `blind` that does not keep its period."""
+    """Whether the power goes, 1 or 0, and for how many samples all joints have been standing: at rest, after the
+    longest time, and at once where a joint is faster, or inputs that should have `made` a change of its speed did not,
+    or a loop is `blind` that does not keep its period."""
     rest, period = numbers.masses.rest, numbers.masses.period
     stands = reduce(minimum, [where(maximum(w, v) > r, 0.0, 1.0) for w, v, r in zip(pace, swing, rest)])
     standing = stops * stands * (kept.standing[0] + 1.0)
@@ -156,7 +166,9 @@ def _ends(
         where(absolute(g) > j, where(done * g > DONE * g * g, 0.0, 1.0), 0.0)
         for g, j, done in zip(given, judged, made)
     ]
-    broken = reduce(maximum, [*_when(samples * period > SOON, faster), *_when(samples * period < EARLY, fails)])
+    broken = reduce(
+        maximum, [*_when(samples * period > SOON, faster), *_when(samples * period < EARLY, fails)]
+    )
     over = where(standing * period > STANDS, 1.0, where(samples * period > LONGEST, 1.0, 0.0))
     ends = where(category < 0.5, 1.0, where(category < 1.5, maximum(over, broken), broken))
     return maximum(ends, blind), standing
@@ -194,7 +206,8 @@ def stop_numbers(controller: Any) -> tuple[str, StopNumbers]:
     """What the inputs of a controller are for a stop, and its numbers."""
     protection, limits, masses = controller.protection, controller.limits, masses_of(controller)
     damping = np.zeros(len(limits.lower)) if protection is None else np.array(protection.damping)
-    return protection.drive if protection else "torque", StopNumbers(limits.lower, limits.upper, damping, masses)
+    drive = "torque" if protection is None else protection.drive
+    return drive, StopNumbers(limits.lower, limits.upper, damping, masses)
 
 
 def stop_size(inputs: int) -> int:
