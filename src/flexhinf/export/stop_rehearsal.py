@@ -19,6 +19,7 @@ from flexhinf.loop.controller.stop import (
     AVERAGED,
     EARLY,
     FAILED,
+    LEFT,
     LONGEST,
     SLOWS,
     SOON,
@@ -172,16 +173,21 @@ class _Draw:
         reasons *= [bit in self.code.stops for bit in Stop]
         runs = bool(reasons.any())
         speeds = self.speed * 10.0 ** rng.uniform(-3.0, 1.0)
-        inputs = self.high - self.low
+        inputs, middle = self.high - self.low, 0.5 * (self.high + self.low)
 
         def signed(size: Vector) -> Vector:
             return size * rng.uniform(-1.0, 1.0, np.size(size))
 
+        first, motor = np.abs(signed(speeds)), signed(speeds)
+        pace = np.abs(signed(speeds))
+        if rng.random() < 0.5:  # beside what is left of the first speed, and staying there
+            pace = LEFT * rng.choice([0.9, 1.1, 3.0]) * first
+            motor = np.sign(motor) * pace
         parts = StopState(
             reasons, np.array([float(not runs or rng.random() < 0.8)]), *self._counts(),
-            rng.uniform(self.low, self.high), rng.uniform(self.low, self.high), signed(0.1 * inputs),
-            np.abs(signed(speeds)), np.abs(signed(speeds)), np.abs(signed(speeds)), signed(speeds), signed(speeds),
-            signed(speeds), signed(speeds), signed(speeds * self.period * 10.0),
+            middle + signed(inputs), middle + signed(inputs), signed(0.1 * inputs),
+            pace, first, np.abs(signed(speeds)), signed(speeds), signed(speeds),
+            motor, signed(speeds), signed(speeds * self.period * 10.0),
             signed(np.tile(speeds, 2)), rng.integers(0, 2, 2 * m).astype(float),
         )  # fmt: skip
         before, u = self._rounded(np.concatenate(parts)), self._rounded(rng.uniform(self.low, self.high))
@@ -189,7 +195,7 @@ class _Draw:
 
     def _counts(self) -> tuple[Vector, Vector]:
         """Samples since a stop began, and of standing joints, near what they are compared with."""
-        times = [0.0, AVERAGED, SOON, EARLY, SLOWS, LONGEST]
+        times = [0.0, AVERAGED, SOON, EARLY, SLOWS, 2.0 * SLOWS, LONGEST]
         since = max(0.0, round(self.rng.choice(times) / self.period) + self.rng.integers(-2, 3))
         stands = max(0.0, round(self.rng.choice([0.0, STANDS]) / self.period) + self.rng.integers(-2, 3))
         return np.array([since]), np.array([stands])

@@ -736,6 +736,9 @@ static void rests(void)
     };
     @{name}_real r[@{NAME}_STATES + @{NAME}_INPUTS];
     for (int k = 0; k < @{rests | length}; ++k) {
+        for (int i = 0; i < @{NAME}_STATES + @{NAME}_INPUTS; ++i) {
+            r[i] = 1; /* nothing of it stays */
+        }
         expect(@{name}_rest(&param, poses[k], r) == @{NAME}_OK, "rest at a pose");
         for (int i = 0; i < @{NAME}_STATES + @{NAME}_INPUTS; ++i) {
             expect(near(r[i], expected[k][i]), "state and input at rest");

@@ -178,6 +178,7 @@ static void looks(void)
     enum { SAMPLES = @{looks} };
     int why;
     for (int k = 0; k <= @{NAME}_MEASUREMENTS; ++k) {
+        state.looks = SAMPLES; /* as before a start elsewhere */
         expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
         give();
         for (int anew = 0; anew < 2; ++anew) {

@@ -252,6 +252,10 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
             code = @{NAME}_BAD_START;
         }
     }
+{% if "swung" in places %}
+    @{name}_copy(state->start + @{NAME}_AT_U, state->start + @{NAME}_AT_SWUNG, @{NAME}_INPUTS); /* where a swing begins */
+    @{name}_copy(state->start + @{NAME}_AT_U, state->start + @{NAME}_AT_SWUNG + @{NAME}_INPUTS, @{NAME}_INPUTS);
+{% endif %}
 {% if "queue" in places %}
     for (int i = 0; i < @{NAME}_LATENCY * @{NAME}_INPUTS; ++i) {
         state->start[@{NAME}_AT_QUEUE + i] = state->start[@{NAME}_AT_U{% if code.sizes.u > 1 %} + i % @{NAME}_INPUTS{% endif %}];
