@@ -34,13 +34,13 @@ LIBRARY_ULPS = 4
 class CAnswers:
     """Recordings of the C, without and with fused multiply-adds, and both with a library that is off, if it calls one.
 
-    `rest`: How far a pose at rest, and what else the rehearsal compares with numbers from elsewhere, is off, relative
+    `pose`: How far a pose at rest, and what else the rehearsal compares with numbers from elsewhere, is off, relative
     to 1 and each number.
     """
 
     runs: tuple[Recording, Recording]
     moved: tuple[Recording, ...]
-    rest: float
+    pose: float
 
 
 def why_not_answered() -> str:
@@ -56,27 +56,27 @@ def why_not_answered() -> str:
 def answered(
     code: ControllerCode,
     run: Recording,
-    given: Callable[[ControllerCode], Mapping[str, object]],
+    stimulus: Callable[[ControllerCode], Mapping[str, object]],
     rehearsal: Callable[[ControllerCode], Mapping[str, object]],
 ) -> CAnswers:
     """What the C answers to a recording.
 
-    `given`, `rehearsal`: What the templates need of what is given, and of the rehearsal. Raises InvalidInput: the
+    `stimulus`, `rehearsal`: What the templates need of what is given, and of the rehearsal. Raises InvalidInput: the
     compiler fails, changes results by flags of its own, or makes programs that end early.
     """
     files: list[File[ControllerCode]] = [
-        File("record.c", "record.c", given),
+        File("record.c", "record.c", stimulus),
         File("rehearsal.c", "contract.c", rehearsal),
     ]
     texts = {**code.files, **rendered(files, code, code.name, code.real, **code.values)}
     texts["rehearsal.c"] = f"#define main rehearse\n{texts['rehearsal.c']}"
-    ways = (f"-D{code.upper('PLAIN')}",), ("-D__FP_FAST_FMA=1", "-D__FP_FAST_FMAF=1")
-    found = [_run(code, texts, flags, run) for flags in ways]
+    builds = (f"-D{code.upper('PLAIN')}",), ("-D__FP_FAST_FMA=1", "-D__FP_FAST_FMAF=1")
+    found = [_run(code, texts, flags, run) for flags in builds]
     calls = [name for name, _ in library_calls(mathematics(code.source), code.real)]
     off = {**texts, f"{code.name}.c": _with_library_off(code, calls)} if calls else None
-    moved = [] if off is None else [_run(code, off, flags, run) for flags in ways]
-    (plain, rest), (fused, other) = found
-    return CAnswers((plain, fused), tuple(one for one, _ in moved), max(rest, other))
+    moved = [] if off is None else [_run(code, off, flags, run) for flags in builds]
+    (plain, pose), (fused, other) = found
+    return CAnswers((plain, fused), tuple(one for one, _ in moved), max(pose, other))
 
 
 def _with_library_off(code: ControllerCode, calls: Sequence[str]) -> str:

@@ -278,7 +278,7 @@ AT_LIMIT = {
 
 
 def _contract(export: Export) -> Mapping[str, object]:
-    return contract_values(export.code, export.runs[-1], export.allowed.rest)
+    return contract_values(export.code, export.runs[-1], export.allowed.pose)
 
 
 def _safety(export: Export) -> Mapping[str, object]:
@@ -345,4 +345,5 @@ def _readme(export: Export) -> Mapping[str, object]:
         "samples": run.begun,
         "provoked": 0 if run.provocation is None else sum(run.provocation.repeats),
         "has_design": bool(export.design),
+        "exact": export.allowed.exact,
     }

@@ -30,10 +30,10 @@ MOST_MOVED = 0.2
 
 #: What a test vector allows in float: this many times what was measured, as other processors and libraries round
 #: otherwise; at least so many units of the last place.
-SPARE, LEAST_ULPS = 5.0, 16.0
+SPARE, MIN_ULPS = 5.0, 16.0
 
 #: Largest error at rest, and of a start, relative to 1 and the number; in float where it is not measured.
-AT_REST = {"double": 1e-12, "float": 2e-3}
+POSE_TOLERANCE = {"double": 1e-12, "float": 2e-3}
 
 #: Largest difference of a path rate in float where nothing is recorded in C.
 MOST_RATE = 0.05
@@ -46,8 +46,8 @@ EVERY = 10
 class Accuracy:
     """Largest errors that a test vector allows in each of its parts, relative to each signal's largest value there, and
     a text for the README. `memory`: Of what is remembered, in the mean of its numbers. `rate`: Of the path rate.
-    `start`: Of the memory at the start of the provocation. `rest`: As `AT_REST`. `exact`: Whether status and counts are
-    those of each row."""
+    `start`: Of the memory at the start of the provocation. `pose`: As `POSE_TOLERANCE`. `exact`: Whether status and
+    counts are those of each row."""
 
     inputs: tuple[float, ...]
     estimates: tuple[float, ...]
@@ -55,7 +55,7 @@ class Accuracy:
     memory: tuple[float, ...] = ()
     rate: float = 0.0
     start: float = 1e-9
-    rest: float = AT_REST["double"]
+    pose: float = POSE_TOLERANCE["double"]
     exact: bool = True
 
 
@@ -82,8 +82,8 @@ def tested(code: ControllerCode, run: Recording) -> Tested:
     found = answered(
         code,
         run,
-        lambda code: given_values(code, run),
-        lambda code: contract_values(code, run, AT_REST["float"]),
+        lambda code: stimulus(code, run),
+        lambda code: contract_values(code, run, POSE_TOLERANCE["float"]),
     )
     return Tested(code, _sure(found), _measured(code, run, found))
 
@@ -106,7 +106,7 @@ def _not_measured(run: Recording, reason: str) -> Accuracy:
         estimates,
         text,
         rate=MOST_RATE,
-        rest=AT_REST["float"],
+        pose=POSE_TOLERANCE["float"],
         exact=False,
     )
 
@@ -126,7 +126,7 @@ def _measured(code: ControllerCode, run: Recording, found: CAnswers) -> Accuracy
         f"got {100 * worst[0]:.2g} %{said}",
         "--real double; or larger noise levels of the estimator, which condition its covariances better",
     )
-    least = LEAST_ULPS * code.real.epsilon
+    least = MIN_ULPS * code.real.epsilon
     away = [_errors(*pair) for pair in zip(found.moved, found.runs)]
     inputs, estimates, memory = (
         tuple(np.maximum(least, SPARE * np.max(each, axis=0)).tolist()) if away else (0.0,) * len(parts)
@@ -142,7 +142,7 @@ def _measured(code: ControllerCode, run: Recording, found: CAnswers) -> Accuracy
         memory,
         rate=max((row[3] for row in away), default=0.0) * SPARE,
         start=least,
-        rest=min(AT_REST["float"], max(least, SPARE * found.rest)),
+        pose=min(POSE_TOLERANCE["float"], max(least, SPARE * found.pose)),
     )
 
 
@@ -200,7 +200,7 @@ VECTOR: File[Tested] = File(
 )
 
 
-def given_values(code: ControllerCode, run: Recording) -> dict[str, object]:
+def stimulus(code: ControllerCode, run: Recording) -> dict[str, object]:
     """What the template of what is given needs."""
     return {
         "codes": run.codes,
@@ -224,7 +224,7 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
     tables = [f"0x{memory_hash(np.asarray(part, code.real.kind)):016x}u" for part in (code.defaults, initial)]
     numbers = [np.array([code.codes[kind].value for kind in one.codes]) for one in runs]
     return {
-        **given_values(code, run),
+        **stimulus(code, run),
         "tables": tables,
         "codes": agreed(*numbers).tolist(),
         "unseen": agreed(*(_unseen(one) for one in runs)),

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
 
 #: Numbers of all decisions together, the fewest and the most of these, and how many are drawn for each; the seed.
-ROOM, FEWEST, MOST, DRAWN, SEED = 8000, 24, 96, 6, 20261130
+ROOM, FEWEST, MOST, CANDIDATES, SEED = 8000, 24, 96, 6, 20261130
 
 #: By how many units of the last place a memory is moved to see whether rounding could decide, and by how many, relative
 #: to 1 and each number, what comes of it may move.
@@ -109,17 +109,17 @@ def _decisions(code: ControllerCode) -> list[Decision]:
     width = 2 * draw.size + 2 * code.sizes["u"] + draw.count
     most = int(np.clip(ROOM // width, FEWEST, MOST))
     found: dict[tuple[int, ...], list[Decision]] = {}
-    for k in range(DRAWN * most):
+    for k in range(CANDIDATES * most):
         before, u, readings, reasons, category = draw.one(k)
         acts, after = draw.decided(before, u, readings, reasons, category)
         own, moved = np.concatenate([acts, after]), MOVED * code.real.epsilon
-        sides = (np.ones(draw.size), -np.ones(draw.size), rng.choice([-1.0, 1.0], draw.size))
+        signs = (np.ones(draw.size), -np.ones(draw.size), rng.choice([-1.0, 1.0], draw.size))
         away = [
             np.abs(
-                np.concatenate(draw.decided((1.0 + moved * side) * before, u, readings, reasons, category))
+                np.concatenate(draw.decided((1.0 + moved * sign) * before, u, readings, reasons, category))
                 - own
             )
-            for side in sides
+            for sign in signs
         ]
         if np.all(np.array(away) <= STEADY * code.real.epsilon * (1.0 + np.abs(own))):
             power = int(after[len(Stop)] > 0.0)
@@ -143,8 +143,8 @@ class _Draw:
         self.size = int(self.ends[-1])
         place = c.memory.places.get("readings", slice(0, 0))
         self.count = place.stop - place.start
-        rest = np.asarray(masses_of(c).rest, dtype=float)
-        self.speed = np.where(rest > 0.0, 10.0 * rest, 1.0)
+        slow = np.asarray(masses_of(c).rest, dtype=float)
+        self.speed = np.where(slow > 0.0, 10.0 * slow, 1.0)
         limits = c.limits
         low, high = np.asarray(limits.lower, dtype=float), np.asarray(limits.upper, dtype=float)
         self.low, self.high = np.where(np.isfinite(low), low, -1.0), np.where(np.isfinite(high), high, 1.0)
@@ -159,8 +159,8 @@ class _Draw:
         assert code.controller.estimator is not None
         q = code.initial_memory[code.controller.memory.places["reference"]][: code.standstill.size1_in(0)]
         model = np.asarray(code.controller.estimator.plant.parameters.vector(), dtype=float)
-        rest = code.standstill.call([q.astype(self.kind).astype(float), model])
-        return np.concatenate([np.asarray(one.full()).ravel() for one in rest])[code.sizes["estimate"] :]
+        found = code.standstill.call([q.astype(self.kind).astype(float), model])
+        return np.concatenate([np.asarray(one.full()).ravel() for one in found])[code.sizes["estimate"] :]
 
     def one(self, k: int) -> tuple[Vector, Vector, Vector, int, int]:
         """A memory, an input, readings, reasons, and a category: number `k`, whose reasons are those of its turn."""
@@ -179,14 +179,14 @@ class _Draw:
             return size * rng.uniform(-1.0, 1.0, np.size(size))
 
         first, motor = np.abs(signed(speeds)), signed(speeds)
-        pace = np.abs(signed(speeds))
+        mean = np.abs(signed(speeds))
         if rng.random() < 0.5:  # beside what is left of the first speed, and staying there
-            pace = LEFT * rng.choice([0.9, 1.1, 3.0]) * first
-            motor = np.sign(motor) * pace
+            mean = LEFT * rng.choice([0.9, 1.1, 3.0]) * first
+            motor = np.sign(motor) * mean
         parts = StopState(
             reasons, np.array([float(not runs or rng.random() < 0.8)]), *self._counts(),
             middle + signed(inputs), middle + signed(inputs), signed(0.1 * inputs),
-            pace, first, np.abs(signed(speeds)), signed(speeds), signed(speeds),
+            mean, first, np.abs(signed(speeds)), signed(speeds), signed(speeds),
             motor, signed(speeds), signed(speeds * self.period * 10.0),
             signed(np.tile(speeds, 2)), rng.integers(0, 2, 2 * m).astype(float),
         )  # fmt: skip
@@ -246,32 +246,32 @@ def _beginnings(code: ControllerCode) -> list[Beginning]:
     c, protection = code.controller, code.controller.protection
     assert protection is not None
     assert c.estimator is not None
-    rest, twists = _at_rest(code), _twists(code)
+    standing, twists = _standing(code), _twists(code)
     data = c.data.named(code.defaults)
     low, high = np.asarray(data.measurement_lower), np.asarray(data.measurement_upper)
-    rows = [(rest, 0), (rest, 1)]
+    rows = [(standing, 0), (standing, 1)]
     for i, moved in enumerate(protection.moved_at_start):
-        own = np.arange(len(rest)) == i
-        ways = [(rest + share * moved * own, 1) for share in BESIDE if np.isfinite(moved)]
+        own = np.arange(len(standing)) == i
+        moves = [(standing + share * moved * own, 1) for share in BESIDE if np.isfinite(moved)]
         ends = [(end, side) for end, side in ((low[i], -1.0), (high[i], 1.0)) if np.isfinite(end)]
-        ways += [(np.where(own, end + side * (1e-3 + 1e-3 * abs(end)), rest), 0) for end, side in ends]
-        rows += ways
+        moves += [(np.where(own, end + side * (1e-3 + 1e-3 * abs(end)), standing), 0) for end, side in ends]
+        rows += moves
     for motor, most, _ in twists:
-        own = np.arange(len(rest)) == motor
-        rows += [(rest + share * most * own, 0) for share in BESIDE]
+        own = np.arange(len(standing)) == motor
+        rows += [(standing + share * most * own, 0) for share in BESIDE]
     rows = [(np.asarray(y, dtype=code.real.kind).astype(float), looked) for y, looked in rows]
 
     def why(y: Vector, looked: int) -> int:
         found = OUT_OF_RANGE * bool(np.any((y < low) | (y > high)))
         found += MOVES * bool(looked and np.any(np.abs(y - rows[0][0]) > protection.moved_at_start))
-        at = _at_rest(code, y)
+        at = _standing(code, y)
         twisted = [(y - at)[motor] - sum(s * (y - at)[link] for s, link in own) for motor, _, own in twists]
         return found + TWISTED * any(abs(one) > most for one, (_, most, _) in zip(twisted, twists))
 
     return [Beginning(y, looked, why(y, looked)) for y, looked in rows]
 
 
-def _at_rest(code: ControllerCode, y: Vector | None = None) -> Vector:
+def _standing(code: ControllerCode, y: Vector | None = None) -> Vector:
     """Measurements (p,) of the robot at rest where the controller begins, or where the links of others are."""
     c, protection = code.controller, code.controller.protection
     assert c.estimator is not None
