@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-__all__ = ["FAULTS", "GROUPS", "HARMLESS", "MOVES", "OUTSIDE", "Facts", "Fault", "drawn", "fitting"]
+__all__ = ["FAULTS", "GROUPS", "HARMLESS", "MOVES", "OUTSIDE", "TRIPS", "Facts", "Fault", "drawn", "fitting"]
 
 #: Longer than any run: low, high, unit.
 EVER = (1e6, 1e6, "s")
@@ -48,7 +48,8 @@ class Fault:
 
     `kind`: its name in `faults.c`. `side`: "link", "motor" or "both" of a joint's sensors, "one" joint or "all".
     `low`, `high`: of the size in `unit`; equal where there is but one. `starts`: it is there from the start. `needs`:
-    what an arm must have. `hidden`: why its sensors cannot show it; "" where they can.
+    what an arm must have. `hidden`: why its sensors cannot show it, `slow`: why it shows late; "" where they can, or it
+    does not.
     """
 
     name: str
@@ -63,6 +64,12 @@ class Fault:
     needs: Callable[[Facts], bool] = field(default=lambda facts: True)
     lasts: float = LASTS
     hidden: Callable[[Facts], str] = field(default=lambda facts: "")
+    slow: Callable[[Facts], str] = field(default=lambda facts: "")
+
+    @property
+    def gradual(self) -> bool:
+        """Whether a reading becomes wrong little by little."""
+        return self.kind in ("scaled", "slips", "drift")
 
     @property
     def sized(self) -> bool:
@@ -70,13 +77,25 @@ class Fault:
         return self.high > self.low
 
 
-#: Why sensors cannot show some faults, and what outside of the controller does.
+#: Why sensors cannot show some faults, or show them late, and what outside of the controller does.
 SHIFTED, BEHIND = "every reading is that of a sound arm elsewhere", "nothing measures the links"
 SHORTED = "it brakes its joint, as something in its way would"
+ALIKE = (
+    "encoders of motor and link tell one motion: that of an arm within its tolerances that something pushes"
+)
+ALONE = "the only encoder of the joint tells a motion that a sound arm may have"
+WEIGHT = "the joint moves as a payload within the range, or the ends of the tolerances, would move it"
+STILL = "an arm that stands repeats the readings of encoders without noise"
+BUSY = "nothing is computed meanwhile; the decision falls in the next step"
 OUTSIDE: Mapping[str, str] = {
     SHIFTED: "a mark or a reference switch, looked at before each start",
     BEHIND: "an encoder or a switch on the link; a look at gears and belts",
     SHORTED: "the drive's own supervision of its current",
+    ALIKE: "a mark or a reference switch; encoders of two kinds, which do not fail alike",
+    ALONE: "a second encoder of the joint; a mark or a reference switch",
+    WEIGHT: "narrower tolerances and payloads in the robot file; the drive's own supervision",
+    STILL: "`input.fresh` of a bus that counts its frames",
+    BUSY: "a watchdog of the drives, which takes their power when no command comes",
 }
 
 
@@ -88,6 +107,21 @@ def seen(facts: Facts) -> str:
 def behind(facts: Facts) -> str:
     """Why nobody sees what happens behind the motors."""
     return "" if facts.links else BEHIND
+
+
+def alike(facts: Facts) -> str:
+    """Why nobody sees that encoders of a joint are wrong alike."""
+    return ALIKE
+
+
+def unchecked(facts: Facts) -> str:
+    """Why nobody sees that an encoder is wrong by which another one is not checked."""
+    return "" if facts.links and facts.motors else ALONE
+
+
+def weighed(facts: Facts) -> str:
+    """Why what is wrong with a drive shows late."""
+    return "" if facts.links else WEIGHT
 
 
 def alone(facts: Facts) -> bool:
@@ -128,7 +162,7 @@ SENSOR = (
 
 FRAMES = (
     Fault("frozen", "frozen", "all", "all readings repeat for some time", 2e-3, 1.0, "s"),
-    Fault("frozen for ever", "frozen", "all", "all readings repeat for ever", *EVER),
+    Fault("frozen for ever", "frozen", "all", "all readings repeat for ever", *EVER, slow=lambda facts: STILL),
     Fault("repeats", "repeats", "all", "of each hundred frames so long repeat", 2e-3, 0.08, "s"),
     Fault("frame late", "late", "all", "all readings come late", 2e-3, 0.2, "s", "samples"),
     Fault("frame silent", "silent", "all", "all readings are NaN"),
@@ -169,7 +203,7 @@ MECHANICS = (
     Fault("brakes with power", "dragged", "all", "all brakes close, drives stay on", *EVER, needs=braked),
     Fault("short emergency stop", "estop", "all", "drives off, brakes closed for a time", 0.01, 1.0, "s", needs=braked),
     Fault("power lost", "unpowered", "all", "drives off for some time", 0.01, 1.0, "s"),
-    Fault("power lost for ever", "unpowered", "all", "drives off for ever", *EVER),
+    Fault("power lost for ever", "unpowered", "all", "drives off for ever", *EVER, slow=weighed),
     Fault("payload lost", "payload", "all", "a payload that is always there is lost", 0.0, 0.0, "kg",
           needs=lambda facts: facts.payload[0] > 0.0),
     Fault("payload beyond", "payload", "all", "a payload beyond the range is grasped", 1.2, 10.0, "of its largest"),
@@ -186,8 +220,15 @@ CLOCK = (
     Fault("wild jitter", "jitter", "all", "the period jitters by this share", 0.35, 0.95, "1"),
     Fault("slow clock", "period", "all", "the period is too long by a share", 0.12, 4.0, "1", "more"),
     Fault("fast clock", "period", "all", "the period is so many times too short, less one", 0.12, 4.0, "1", "less"),
-    Fault("overruns", "overrun", "all", "every hundredth step takes so long", 5e-3, 0.3, "s"),
+    Fault("overruns", "overrun", "all", "every hundredth step takes so long", 5e-3, 0.3, "s",
+          hidden=lambda facts: BUSY),
 )  # fmt: skip
+
+
+def _drives() -> Iterator[Fault]:
+    """Faults of drives; where nothing measures the links, what a drive gives is told by the way of its motor alone."""
+    for fault in DRIVES:
+        yield fault if fault.name == "shorted drive" else replace(fault, slow=weighed)
 
 
 def _sensors() -> Iterator[Fault]:
@@ -206,7 +247,8 @@ def _sensors() -> Iterator[Fault]:
             def needs(facts: Facts, has: Any = has, also: Any = fault.needs) -> bool:
                 return has(facts) and also(facts)
 
-            hidden = (lambda facts: SHIFTED) if fault is zero and side == "both" else seen
+            hidden = (lambda facts: SHIFTED) if fault is zero else alike if fault.gradual else seen
+            hidden = hidden if side == "both" else unchecked if fault.gradual else seen
             yield replace(fault, name=f"{fault.name}, {side}", side=side, needs=needs, hidden=hidden)
 
 
@@ -214,7 +256,7 @@ def _sensors() -> Iterator[Fault]:
 GROUPS: Mapping[str, tuple[Fault, ...]] = {
     "a joint's sensors": tuple(_sensors()),
     "whole frames": FRAMES,
-    "drives": DRIVES,
+    "drives": tuple(_drives()),
     "mechanics": MECHANICS,
     "the start": STARTS,
     "the clock": CLOCK,
@@ -235,6 +277,13 @@ HARMLESS: Mapping[str, Fault] = {
               needs=lambda facts: facts.payload[1] > facts.payload[0]),
     )
 }  # fmt: skip
+
+#: Why some of these stop an arm nevertheless.
+TRIPS: Mapping[str, str] = {
+    "held and let go": "a link that is held at full speed throws the joint behind it off its path",
+    "hiccup": "drives that go on pushing for a second throw the arm far from its path",
+    "jitter": "at full speed, jitter of 25 % makes noise of which inputs swing over half of their range",
+}
 
 #: Nothing is wrong: so many moves in a run, at full speed.
 MOVES = Fault("moves", "none", "all", "nothing is wrong")

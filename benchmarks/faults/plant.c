@@ -450,6 +450,13 @@ void plant_draw(plant_model *drawn, const plant_model *low, const plant_model *h
     for (unsigned k = 0; k < sizeof drawn->is / sizeof *is; ++k) {
         if (most[k] > least[k] && most[k] < HUGE_VAL) { is[k] = least[k] + uniform() * (most[k] - least[k]); }
     }
+    for (int i = 0; i < drawn->n; ++i) { /* both gains of a drive are those of one bandwidth */
+        const double soft = low->is.drive_stiffness[i], stiff = high->is.drive_stiffness[i];
+        const double slow = low->is.drive_damping[i], fast = high->is.drive_damping[i];
+        if (stiff > soft && fast > slow) {
+            drawn->is.drive_damping[i] = slow + (drawn->is.drive_stiffness[i] - soft) / (stiff - soft) * (fast - slow);
+        }
+    }
 }
 
 void plant_carry(plant *p, double payload)

@@ -72,13 +72,17 @@ def _made(
 ) -> list[dict[str, Any]]:
     smallest = kept_smallest(program)
     requests = [drawn(ALL[run.fault], program.facts, smallest, run.seed) | more for run in runs]
-    hidden = [ALL[run.fault].hidden(program.facts) for run in runs]
+    reasons = [
+        {"hidden": ALL[run.fault].hidden(program.facts), "slow": ALL[run.fault].slow(program.facts)}
+        for run in runs
+    ]
     found = program.lines(requests, trace)
     return [
-        {"arm": run.arm, "fault": run.fault, "hidden": why}
+        {"arm": run.arm, "fault": run.fault}
+        | why
         | {key: request[key] for key in ("joint", "magnitude", "x")}
         | row
-        for run, request, why, row in zip(runs, requests, hidden, found, strict=True)
+        for run, request, why, row in zip(runs, requests, reasons, found, strict=True)
     ]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.faults.arms import ARMS
-from benchmarks.faults.kinds import FAULTS, GROUPS, HARMLESS, MOVES, MOVES_OF_A_RUN, OUTSIDE
+from benchmarks.faults.kinds import FAULTS, GROUPS, HARMLESS, MOVES, MOVES_OF_A_RUN, OUTSIDE, TRIPS
 from benchmarks.faults.verdict import FAILURES, VERDICTS, judged, judged_harmless
 
 __all__ = ["KEPT", "TABLES", "failures", "summary", "trips"]
@@ -35,8 +35,8 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
         own = found.setdefault(row["arm"], {}).setdefault(row["fault"], {"runs": 0})
         verdict = judged(row) if row["fault"] in FAULTS else "kept" if judged_harmless(row) else "tripped"
         own["runs"] += 1
-        if row["hidden"]:
-            own["why"] = row["hidden"]
+        if why := row["hidden"] or row["slow"]:
+            own["why"] = why
         own[verdict] = own.get(verdict, 0) + 1
         if row["noticed"] and not row["early"]:
             own["category"] = sorted({*own.get("category", []), row["category"]})
@@ -108,7 +108,7 @@ def _ended(one: Mapping[str, Any] | None) -> str:
     if one is None:
         return ""
     bad = ", ".join(f"{one[name]} {name}" for name in FAILURES if name in one)
-    good = [f"{one[name]} {name}" for name in ("kept", "harmless", "stands", "hidden") if name in one]
+    good = [f"{one[name]} {name}" for name in VERDICTS if name in one and name not in FAILURES]
     return ", ".join([*good, *([f"**{bad}**"] if bad else [])])
 
 
@@ -146,26 +146,31 @@ def by_group(results: Mapping[str, Any]) -> str:
 
 
 def hidden(results: Mapping[str, Any]) -> str:
-    """What the sensors of an arm cannot show, why, and what does."""
+    """What the sensors of an arm cannot show or show late, why, and what does; faults of one reason share a row."""
     arms = results["arms"]
-    lines = _head(("fault", "arms", "why their sensors cannot show it", "what does"))
+    found: dict[tuple[str, str], list[str]] = {}
     for name in FAULTS:
-        those = [arm for arm in arms if "why" in arms[arm].get(name, {})]
-        if those:
-            why = arms[those[0]][name]["why"]
-            lines.append(_cells([name, ", ".join(those), why, OUTSIDE[why]]))
+        for arm in arms:
+            if why := arms[arm].get(name, {}).get("why"):
+                found.setdefault((why, name), []).append(arm)
+    rows: dict[tuple[str, str], list[str]] = {}
+    for (why, name), those in found.items():
+        rows.setdefault((why, ", ".join(those)), []).append(name)
+    lines = _head(("why sensors cannot show it, or show it late", "arms", "faults", "what does"))
+    lines += [_cells([why, those, "; ".join(names), OUTSIDE[why]]) for (why, those), names in rows.items()]
     return "\n".join(lines)
 
 
 def harmless(results: Mapping[str, Any]) -> str:
-    """What may not stop an arm: runs, and how many were stopped."""
+    """What may not stop an arm: runs, how many were stopped, and why."""
     arms = results["arms"]
-    lines = _head(("event", *arms))
+    lines = _head(("event", *arms, "why some are stopped"))
     for name in (*HARMLESS, MOVES.name):
         about = f"{name}, {MOVES_OF_A_RUN} a run" if name == MOVES.name else name
         found = [arms[arm].get(name) for arm in arms]
         cells = ["" if one is None else f"{one.get('tripped', 0)} of {one['runs']}" for one in found]
-        lines.append(_cells([about, *cells]))
+        stopped = any(one and one.get("tripped") for one in found)
+        lines.append(_cells([about, *cells, TRIPS.get(name, "") if stopped else ""]))
     return "\n".join(lines)
 
 

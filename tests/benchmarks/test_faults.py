@@ -16,17 +16,11 @@ import numpy as np
 import pytest
 from benchmarks.faults import __main__ as command, arms as the_arms
 from benchmarks.faults.arms import ARMS, Program, program_of
-from benchmarks.faults.kinds import FAULTS, HARMLESS, Facts, drawn, fitting
+from benchmarks.faults.kinds import FAULTS, HARMLESS, TRIPS, Facts, drawn, fitting
 from benchmarks.faults.runs import ALL, Campaign, Planned, one, smallest_of
 from benchmarks.faults.tables import KEPT, TABLES, failures, kept, summary, trips
 from benchmarks.faults.verdict import VERDICTS, judged
 from tests import store
-
-#: Faults that the rule of main.c, which reads the code and `unseen`, notices whatever else happens.
-NOTICED = ("silent, link", "silent, motor", "silent, both", "frame silent", "unmeasured for ever")
-#: What it is stopped for although it is harmless: behind a second without a step the plausible place is unknown, and a
-#: position drive is thrown by a command that is 2 rad away.
-STOPPED = ("hiccup", "far command")
 
 
 class Programs(dict[str, Program]):
@@ -226,7 +220,7 @@ def test_a_rule_is_judged_by_what_the_arm_does(
 #: A run that is kept, and what makes it another verdict.
 GOOD = {
     "noticed": 1, "early": 0, "when": 0.02, "wrong": 0.02, "wrong_at_notice": 0.02, "furthest": 0.1, "ideal": 0.1,
-    "step": 2e-3, "power": 0, "moving": 0.0, "speed": 1.0, "end": 0.3, "hidden": "",
+    "step": 2e-3, "power": 0, "moving": 0.0, "speed": 1.0, "end": 0.3, "hidden": "", "slow": "",
 }  # fmt: skip
 SILENT = {**GOOD, "noticed": 0, "end": 0.01}
 
@@ -237,7 +231,6 @@ SILENT = {**GOOD, "noticed": 0, "end": 0.01}
         ("kept", GOOD),
         ("kept", {**GOOD, "when": 2.0}),  # slow, before 0.1 rad
         ("kept", {**GOOD, "wrong_at_notice": 0.5}),  # far, within 50 ms
-        ("late", {**GOOD, "when": 0.06, "wrong_at_notice": 0.11}),
         ("kept", {**GOOD, "furthest": 0.1129}),  # a tenth, a sample and 1 mrad
         ("far", {**GOOD, "furthest": 0.1131}),
         ("moving", {**GOOD, "power": 1, "moving": 0.06}),
@@ -245,11 +238,16 @@ SILENT = {**GOOD, "noticed": 0, "end": 0.01}
         ("early", {**GOOD, "early": 1}),
         ("harmless", SILENT),
         ("stands", {**SILENT, "end": 0.2}),
-        ("unnoticed", {**SILENT, "wrong": 0.06}),
-        ("unnoticed", {**SILENT, "moving": 0.06}),
-        ("hidden", {**SILENT, "wrong": 0.06, "hidden": "nothing measures the links"}),
+        ("late", {**GOOD, "when": 0.06, "wrong_at_notice": 0.11, "hidden": "", "slow": ""}),
+        ("slow", {**GOOD, "when": 0.06, "wrong_at_notice": 0.11, "slow": "an arm that stands"}),
+        ("hidden", {**GOOD, "when": 0.06, "wrong_at_notice": 0.11, "hidden": "nothing measures the links"}),
+        ("borne", {**SILENT, "wrong": 0.06}),
+        ("trembles", {**SILENT, "wrong": 0.06, "moving": 0.06}),
+        ("unnoticed", {**SILENT, "moving": 0.31}),
+        ("unnoticed", {**SILENT, "wrong": 0.11}),
+        ("hidden", {**SILENT, "wrong": 0.11, "hidden": "nothing measures the links"}),
         ("away", {**SILENT, "wrong": 0.31}),
-        ("away", {**SILENT, "wrong": 0.06, "speed": 1.6}),
+        ("away", {**SILENT, "wrong": 0.11, "speed": 1.6}),
     ],
 )
 def test_the_rule_says_what_a_run_is(verdict: str, row: Mapping[str, Any]) -> None:
@@ -288,13 +286,12 @@ def test_the_quick_matrix(
     rows = campaign.rows()
     assert len(rows) == len(campaign.planned()) > 350
     counts = Counter(judged(row) for row in rows if row["fault"] in FAULTS)
-    assert counts["harmless"] > 50  # sizes are log-uniform from the smallest on
-    assert counts["early"] == 0
-    silent = [row for row in rows if row["fault"] in NOTICED]
-    assert all(row["when"] <= 0.05 for row in silent)
+    assert counts["kept"] > 300
+    assert counts["harmless"] > 20  # sizes are log-uniform from the smallest on
     braked = {name for name, program in programs.items() if program.facts.brakes}
-    assert not [row for row in failures(silent) if row["arm"] in braked]  # without brakes an arm falls
-    assert {row["fault"] for row in trips(rows)} <= {*STOPPED}
+    bad = [row for row in failures(rows) if judged(row) != "far" or row["arm"] in braked]  # others fall
+    assert not [(row["arm"], row["fault"], row["seed"], judged(row)) for row in bad]
+    assert {row["fault"] for row in trips(rows)} <= {*TRIPS}
     made = list[int]()
     (first, *_) = tmp_path.iterdir()
     lines = first.read_text(encoding="utf-8").splitlines()

@@ -122,6 +122,7 @@ PARTS = {
     "longest_unseen": "samples for which one sensor may be missing or refused",
     "stop_on": "bits of the signs that stop the robot",
     "hardest": "largest accelerations of motors whose encoders nothing contradicts",
+    "breakaway": "changes of their inputs that move them",
     "workspace": "least and largest commanded positions that the design is for",
     "swings": "of each input, then of each tracked position: how near to a limit counts as at it, the smallest swing, "
     "and how many make a limit cycle",
@@ -177,7 +178,7 @@ MEMORY = {
     "misplaced": "1 where the robot was not where the controller began",
     "pauses": "long pauses of the loop, of which a part is forgotten in each sample",
     "told": "samples so far, the first one at which a sign would stop the robot, and which",
-    "pace": "of encoders of motors: how fast they were when they changed last",
+    "pace": "of encoders of motors that nothing contradicts: when they changed last",
 }
 
 #: Rows of the parts that are tables.
@@ -229,9 +230,14 @@ ROWS = {
         "way": "own way away from the command",
         "long": "samples for which it is too long",
     },
+    "pace": {
+        "speed": "their speed then",
+        "input": "the input then",
+        "pushed": "samples for which the input has differed enough to move the motor",
+    },
     "opposed": {
-        "first": "speed against the input when it came to its limit",
-        "samples": "samples since then",
+        "most": "largest speed against the input while it is at its limit",
+        "samples": "samples for which it is",
     },
     "swung": {
         "extreme": "last extreme",

@@ -16,6 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.plausible import IN_PYTHON, NOISE, TWICE, measurement_limits
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.protection import LOOK, WINDOW, Protection, observer_of
+from flexhinf.loop.controller.signs import LASTING
 from flexhinf.robot.drive_limits import UNLIMITED
 from flexhinf.robot.elastic import INNER, stated_curve
 from flexhinf.robot.parameters import per_joint
@@ -34,6 +35,9 @@ EXACT = ("gear_ratio", "gravity")
 #: Dry friction of a motor where the file states none, as a share of the largest torque that its limits leave; and how
 #: many times the stated one may be there, as it may turn where the observer has none.
 DRY, REVERSED = 0.05, 2.0
+
+#: Share of a motor's largest torque that moves it beyond its dry friction, whatever its spring does meanwhile.
+BREAKS = 0.1
 
 #: Errors of an encoder's zero that do not stop the robot, rad or m.
 OFFSET = 1e-3
@@ -133,6 +137,7 @@ class _Protected:
         alone = [
             name for name in self.signals("motor_position") if name in c.measured and name not in self.motors
         ]
+        own = [self.signals("motor_position").index(name) for name in alone]
         return Protection(
             speed=fastest.tolist(),
             window=window.tolist(),
@@ -141,7 +146,7 @@ class _Protected:
             travel=self.ways[1].tolist(),
             swing=self.swings.tolist(),
             damping=self.braking[0].tolist(),
-            response=np.where(self.elastic, np.abs(self.rates[0]), 1.0 / self.link_inertia).tolist(),
+            response=self.response.tolist(),
             winding=self.winding.tolist(),
             smoothing=self.braking[1].tolist(),
             brakes=list(self.robot.brakes),
@@ -162,7 +167,8 @@ class _Protected:
             moved_at_start=self.moved_at_start(steps).tolist(),
             twist_at_start=self.twist_at_start[self.watched].tolist(),
             alone=alone,
-            hardest=self.hardest[[self.signals("motor_position").index(name) for name in alone]].tolist(),
+            hardest=self.hardest[own].tolist(),
+            breakaway=self.breakaway(steps)[own].tolist(),
         )
 
     # Signals ------------------------------------------------------------------------------------------
@@ -409,6 +415,23 @@ class _Protected:
         """Largest accelerations of the motors (n,)."""
         inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
         return (TWICE * self.largest + self.weights) / inertia
+
+    @cached_property
+    def response(self) -> Vector:
+        """Acceleration of what an input moves, per input (n,)."""
+        return np.where(self.elastic, np.abs(self.rates[0]), 1.0 / self.link_inertia)
+
+    def breakaway(self, steps: Vector) -> Vector:
+        """Changes of the inputs that move the motors by two steps of their encoders before one is called stuck, against
+        dry friction that reverses (n,); infinite for drives with loops of their own."""
+        if self.robot.drive in INNER:
+            return np.full(self.n, np.inf)
+        measured = list(self.controller.measured)
+        names = [self.seen_of(j) for j in range(self.n)]
+        step = np.array([steps[measured.index(name)] if name else np.inf for name in names])
+        inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
+        torque = self.dry + BREAKS * self.largest
+        return (torque / inertia + 4.0 * step / LASTING["stuck"] ** 2) / self.response
 
     @cached_property
     def compliance(self) -> Vector:

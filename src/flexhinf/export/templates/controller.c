@@ -111,6 +111,9 @@ static void @{name}_look(@{name}_state *state, const @{name}_input *input, real 
     if (periods > @{number(pause[1])} && isfinite(periods) != 0) {
         const real free[@{pausing.free | length}] = {@{row(pausing.free)}};
         @{name}_copy(free, state->memory + @{NAME}_AT_AWAY_WAY, @{pausing.free | length});
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            state->memory[@{NAME}_AT_OPPOSED_SAMPLES + i] = @{number(-pausing.settles)};
+        }
         state->memory[@{NAME}_AT_PAUSES] += (periods > @{number(pausing.longest)}) ? @{unity} : @{zero};
     }
 {% endif %}

@@ -276,6 +276,7 @@ class StateHistory:
             return
         self.memory[places.get("offset_known", NOWHERE)] = 0.0
         self.memory[places.get("motion", NOWHERE)].reshape(4, -1)[2] = -protected.settles
+        self.memory[places.get("opposed", NOWHERE)].reshape(2, -1)[1] = -protected.settles
         self.memory[places.get("away", NOWHERE)].reshape(3, -1)[1] = -protected.free
         self.memory[places.get("pauses", NOWHERE)] += float(periods > protected.longest)
 

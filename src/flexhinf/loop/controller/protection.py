@@ -49,6 +49,12 @@ class Pausing(NamedTuple):
     longest: float = math.inf
 
 
+#: Numbers of a protection that are above 0.
+POSITIVE = (
+    "speed", "window", "step", "distance", "travel", "swing", "smoothing", "hardest", "breakaway", "misplaced",
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Protection(Listed):
     """Limits beyond which a robot within its tolerances does not move, and what a protective stop does.
@@ -89,6 +95,8 @@ class Protection(Listed):
         Encoders of motors that no other sensor contradicts.
     hardest : sequence of float
         Largest accelerations of these motors, rad/s² or m/s².
+    breakaway : sequence of float
+        Changes of their inputs that move them, whatever dry friction there is; infinite where that is not known.
     moved : (m,) str
         Signals that tell the speed of what the inputs move, "" where none does.
     swing : (2, m)
@@ -147,6 +155,7 @@ class Protection(Listed):
     unsure: Sequence[float] = ()
     alone: Sequence[str] = ()
     hardest: Sequence[float] = ()
+    breakaway: Sequence[float] = ()
     moved: Sequence[str] = ()
     misplaced: Sequence[float] = ()
     moved_at_start: Sequence[float] = ()
@@ -162,7 +171,7 @@ class Protection(Listed):
             "speed": (p,), "window": (p,), "step": (p,), "distance": (k,), "travel": (k,), "swing": (2, m),
             "damping": (m,), "response": (m,), "winding": (2, m), "smoothing": (m,), "brakes": (m,), "moved": (m,),
             "twists": (g,), "inputs": (g,), "shares": (len(self.links), g), "compliance": (g,), "rates": (5, g),
-            "floor": (g,), "most": (g,), "unsure": (g,), "hardest": (a,),
+            "floor": (g,), "most": (g,), "unsure": (g,), "hardest": (a,), "breakaway": (a,),
             "misplaced": (p,), "moved_at_start": (p,), "twist_at_start": (g,),
         }  # fmt: skip
         arrays = {name: np.array(getattr(self, name)) for name in shapes}
@@ -170,18 +179,7 @@ class Protection(Listed):
         if not g:
             arrays |= {"shares": np.zeros((len(self.links), 0)), "rates": np.zeros((5, 0))}
         apart = [name for name, shape in shapes.items() if arrays[name].shape != shape]
-        positive = [
-            "speed",
-            "window",
-            "step",
-            "distance",
-            "travel",
-            "swing",
-            "smoothing",
-            "hardest",
-            "misplaced",
-        ]
-        apart += [name for name in positive if not apart and not np.all(arrays[name] > 0.0)]
+        apart += [name for name in POSITIVE if not apart and not np.all(arrays[name] > 0.0)]
         refuse_if(
             bool(apart),
             "The protection of a controller does not fit itself.",
@@ -210,6 +208,10 @@ class Protection(Listed):
         measured = tuple(estimator.plant.outputs)
         for name in (*self.motors, *self.links, *filter(None, self.twists), *self.alone):
             one_of("The protection of a controller names what it does not measure.", name, measured)
+        for name in self.alone:
+            one_of(
+                "The protection of a controller names an encoder of what no input moves.", name, self.moved
+            )
         for name in self.inputs:
             one_of("The protection of a controller names an input that it has not.", name, inputs)
         refuse_if(
@@ -229,7 +231,8 @@ class Protection(Listed):
             place = list(inputs).index(input)
             pairs.append(Pair(places[motor], tuple(links), own, place, self.drive != "torque", terms))
         moved = tuple(places[name] if name else None for name in self.moved)
-        return Watch(tuple(pairs), moved, tuple(places[name] for name in self.alone))
+        alone = tuple((places[name], moved.index(places[name])) for name in self.alone)
+        return Watch(tuple(pairs), moved, alone)
 
     @property
     def category(self) -> int:
@@ -257,6 +260,7 @@ class Protection(Listed):
                 [observer, [self.floor], [self.compliance], [self.most], [self.unsure], shares]
             ),
             "hardest": np.array(self.hardest),
+            "breakaway": np.array(self.breakaway),
             "misplaced": np.array(self.misplaced),
             "longest_unseen": np.array([self.longest_unseen], dtype=float),
             "stop_on": np.array(

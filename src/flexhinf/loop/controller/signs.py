@@ -30,6 +30,7 @@ import numpy as np
 from flexhinf.arrays import Element, Elements, Vector
 from flexhinf.codegen import gives
 from flexhinf.loop.controller.readings import MOVED, Readings
+from flexhinf.loop.controller.slowing import STANDING, UNSTATED
 from flexhinf.plant import known, turned
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.scalars.run import Run
@@ -39,6 +40,9 @@ MARGIN = 1.2
 
 #: Times for which a sign must last, s: a contradiction, a way, an input at its limit, an encoder that stands.
 LASTING = {"inconsistent": 0.005, "away": 0.005, "opposed": 0.02, "stuck": 0.01}
+
+#: Share of the largest speed against an input below which that slows the motion down.
+FALLS = 0.9
 
 #: Swings of an input one after the other that are an oscillation, how much larger than the last one a swing is that
 #: grows, and the longest time of one, s.
@@ -91,11 +95,11 @@ class Observer(NamedTuple):
 
 class Watch(NamedTuple):
     """Places of what is watched, which are part of a step's code: of pairs of readings, of the reading that tells the
-    speed of what each input moves, and of encoders of motors that no other sensor contradicts."""
+    speed of what each input moves, and of encoders of motors that no other sensor contradicts with their inputs."""
 
     pairs: tuple[Pair, ...] = ()
     moved: tuple[int | None, ...] = ()
-    alone: tuple[int, ...] = ()
+    alone: tuple[tuple[int, int], ...] = ()
 
 
 #: Signs of a protective stop, in the order of their flags, behind whether a frame is a repeated one.
@@ -226,24 +230,26 @@ def running_away(
 @gives("opposed_next", "opposed")
 def opposed(
     places: Sequence[int | None], u: Elements, readings: Elements, held: Elements, lower: Elements, upper: Elements,
-    swings: Elements, period: Elements,
+    swings: Elements, period: Elements, fastest: Elements,
 ) -> tuple[Elements, Elements]:  # fmt: skip
-    """Of each input the speed against it when it came to its limit, and for how many samples it has been there (2, m);
+    """Of each input the largest speed against it while it is at its limit, and for how many samples it is (2, m);
     and whether one does not slow the motion down (1,).
 
     `places` are those of the readings of what the inputs move, None where nothing tells it; the first row of `swings`
-    is how near an input is at its limit.
+    is how near an input is at its limit, and `fastest` (p,) are limits of the readings' speeds: what stands is not
+    opposed. Below 0 samples, speeds are not known for so many.
     """
     speeds = Readings(*readings).speed / period[0]
     columns, flags = list[list[Element]](), list[Element]()
-    for place, value, low, high, near, first, count in zip(places, u, lower, upper, swings[0], *held):
+    for place, value, low, high, near, most, count in zip(places, u, lower, upper, swings[0], *held):
         push = where(value >= high - near, 1.0, where(value <= low + near, -1.0, 0.0))
         against = 0.0 if place is None else -push * speeds[place]
-        full = where(against > 0.0, count + 1.0, 0.0)
-        first = where(full < 1.5, against, first)
-        columns.append([first, full])
+        stands = 0.0 if place is None else STANDING * minimum(fastest[place], UNSTATED)
+        full = where(count < -0.5, count + 1.0, where(against > stands, count + 1.0, 0.0))
+        most = where(full < 1.5, against, maximum(most, against))
+        columns.append([most, full])
         lasts = where(full * period[0] > LASTING["opposed"], 1.0, 0.0)
-        flags.append(where(against < first, 0.0, lasts))
+        flags.append(where(against < FALLS * most, 0.0, lasts))
     return np.array(columns).T, np.array([reduce(maximum, flags)])
 
 
@@ -285,24 +291,29 @@ def too_fast(readings: Elements, fastest: Elements, period: Elements) -> Element
 
 @gives("pace_next", "stuck")
 def stuck(
-    places: Sequence[int],
-    readings: Elements,
-    pace: Elements,
-    period: Elements,
-    steps: Elements,
-    hardest: Elements,
-) -> tuple[Elements, Elements]:
-    """Speeds of encoders of motors (s,) when their readings changed last, and whether one stands though its motor could
-    not have stopped so soon (1,). They stand at `places`; `hardest` (s,) are the largest accelerations of the
-    motors."""
-    now, kept, flags = Readings(*readings), list[Element](), list[Element]()
-    for place, before, most in zip(places, pace, hardest, strict=True):
-        speed = where(now.still[place] < 0.5, now.speed[place] / period[0], before)
+    places: Sequence[tuple[int, int]], u: Elements, readings: Elements, pace: Elements, period: Elements,
+    steps: Elements, hardest: Elements, breakaway: Elements,
+) -> tuple[Elements, Elements]:  # fmt: skip
+    """Speeds of encoders of motors and the inputs when their readings changed last, and for how many samples the input
+    has differed by enough to move the motor (3, s); and whether one stands though its motor could not have stopped so
+    soon, or must have moved (1,).
+
+    `places` are those of the readings and of the inputs u (m,) that acted until now; `hardest` (s,) are the largest
+    accelerations of the motors, and `breakaway` (s,) changes of their inputs that move them.
+    """
+    now, columns, flags = Readings(*readings), list[list[Element]](), list[Element]()
+    for (place, input), before, pushed, count, most, least in zip(
+        places, *pace, hardest, breakaway, strict=True
+    ):
+        moves = now.still[place] < 0.5
+        speed = where(moves, now.speed[place] / period[0], before)
+        pushed = where(moves, u[input], pushed)
+        count = where(absolute(u[input] - pushed) > least, count + 1.0, 0.0)
         further = speed * speed - 2.0 * most * MOVED * steps[place]
-        lasts = where(now.still[place] * period[0] > LASTING["stuck"], 1.0, 0.0)
-        kept.append(speed)
-        flags.append(where(further > 0.0, lasts, 0.0))
-    return np.array(kept), np.array([reduce(maximum, flags)])
+        stands = where(further > 0.0, now.still[place], count)
+        columns.append([speed, pushed, count])
+        flags.append(where(stands * period[0] > LASTING["stuck"], 1.0, 0.0))
+    return np.array(columns).T, np.array([reduce(maximum, flags)])
 
 
 @gives("bad_start")
@@ -356,7 +367,7 @@ def first_signs(watch: Watch, u: Vector, positions: Vector) -> dict[str, np.ndar
         "away": np.zeros((3, len(positions))),
         "opposed": np.zeros((2, len(u))),
         "swung": np.array([u, u, up, none, none, none]),
-        **({"pace": np.zeros(len(watch.alone))} if watch.alone else {}),
+        **({"pace": np.zeros((3, len(watch.alone)))} if watch.alone else {}),
         "misplaced": np.zeros(1),
         "pauses": np.zeros(1),
         "told": np.zeros(3),
@@ -399,20 +410,16 @@ def signs(
     flags["too_fast"] = run.call(too_fast, seen.readings, data.fastest, data.period)
     after["opposed"], flags["opposed"] = run.call(
         partial(opposed, watch.moved), seen.u, seen.readings, memory.opposed, data.lower, data.upper, data.swings,
-        data.period,
+        data.period, data.fastest,
     )  # fmt: skip
     after["swung"], flags["oscillating"] = run.call(
         oscillating, seen.u, memory.swung, data.period, data.swing_sizes
     )
     if watch.alone:
         after["pace"], flags["stuck"] = run.call(
-            partial(stuck, watch.alone),
-            seen.readings,
-            memory.pace,
-            data.period,
-            data.reading_steps,
-            data.hardest,
-        )
+            partial(stuck, watch.alone), seen.acted, seen.readings, memory.pace, data.period, data.reading_steps,
+            data.hardest, data.breakaway,
+        )  # fmt: skip
     after["misplaced"] = run.call(
         partial(bad_start, seen.turns),
         seen.y,

@@ -36,6 +36,9 @@ AVERAGED, FASTER, SLOWS, LEFT = 0.02, 5.0, 0.1, 0.3
 #: it is judged, the share of it that must be there, and the time from which on weight may have made more of it, s.
 JUDGED, DONE, EARLY = 0.25, 0.3, 0.03
 
+#: Time after which a link no longer swings on its spring, s.
+RINGS = 0.2
+
 #: Part of the rate at which a controlled stop slows a joint down, with which it goes back where the stop began.
 HOLDS = 0.125
 
@@ -155,7 +158,7 @@ def _ends(
 ) -> tuple[Element, Element]:  # fmt: skip
     """Whether the power goes, 1 or 0, and for how many samples all joints have been standing: at rest, after the
     longest time, and at once where a joint is faster, or inputs that should have `made` a change of its speed did not,
-    or a loop is `blind` that does not keep its period."""
+    or a link goes on whose motor is said to stand, or a loop is `blind` that does not keep its period."""
     rest, period = numbers.masses.rest, numbers.masses.period
     stands = reduce(minimum, [where(maximum(w, v) > r, 0.0, 1.0) for w, v, r in zip(pace, swing, rest)])
     standing = stops * stands * (kept.standing[0] + 1.0)
@@ -166,8 +169,16 @@ def _ends(
         where(absolute(g) > j, where(done * g > DONE * g * g, 0.0, 1.0), 0.0)
         for g, j, done in zip(given, judged, made)
     ]
+    apart = [
+        where(v > w + left * most + FASTER * r, 1.0, 0.0) for w, v, most, r in zip(pace, swing, first, rest)
+    ]
     broken = reduce(
-        maximum, [*_when(samples * period > SOON, faster), *_when(samples * period < EARLY, fails)]
+        maximum,
+        [
+            *_when(samples * period > SOON, faster),
+            *_when(samples * period < EARLY, fails),
+            *_when(samples * period > RINGS, apart),
+        ],
     )
     over = where(standing * period > STANDS, 1.0, where(samples * period > LONGEST, 1.0, 0.0))
     ends = where(category < 0.5, 1.0, where(category < 1.5, maximum(over, broken), broken))
