@@ -22,7 +22,7 @@ import numpy as np
 import flexhinf as fh
 from benchmarks.record import keep_rows, kept_rows
 from flexhinf.design.workspace.search import tuned_setup
-from flexhinf.export import export_c, with_measurement_limits
+from flexhinf.export import export_c, protected
 from flexhinf.robot.workspace import workspace_of
 
 KEPT = Path(__file__).resolve().with_suffix(".json")
@@ -43,8 +43,8 @@ SOURCES: dict[str, tuple[str, str]] = {
 
 
 def exported(folder: Path, name: str, one_pose: Callable[[int], fh.Controller]) -> Path:
-    """The export of a row, with limits of inputs and of measurements, as by default. `one_pose`: The controller of a
-    design of one pose, by the number of links."""
+    """The export of a row, with limits of inputs, and the protection of its robot, as by default. `one_pose`: The
+    controller of a design of one pose, by the number of links."""
     robot = fh.load_robot(SOURCES[f"{name}.c"][1])
     if name == "arm":
         controller = one_pose(1).fresh(saturation=LIMIT)
@@ -54,7 +54,8 @@ def exported(folder: Path, name: str, one_pose: Callable[[int], fh.Controller]) 
         s = fh.Specification(workspace="limits", saturation=LIMIT)
         setup = tuned_setup(robot, s, workspace_of(robot, s.workspace))
         controller = setup.controller(setup.workspace.home, supervision=setup.supervision)
-    return export_c(with_measurement_limits(controller, robot), folder, name, robot=robot)
+    controller, _ = protected(controller, robot)
+    return export_c(controller, folder, name, robot=robot)
 
 
 def _with_extended_filter(controller: fh.Controller) -> fh.Controller:

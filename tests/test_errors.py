@@ -40,7 +40,7 @@ def _made(kind: type[FlexhinfError]) -> FlexhinfError:
     return kind(*["What is wrong: 1\n2.", "expected 1, got 2", "another"][: len(needed)])
 
 
-@pytest.mark.parametrize("kind", list(_kinds()))
+@pytest.mark.parametrize("kind", sorted(_kinds(), key=lambda kind: (kind.__module__, kind.__qualname__)))
 def test_every_error_pickles_and_copies_whole(kind):
     error = _made(kind)
     error.add_note("in sample 7")

@@ -88,8 +88,9 @@ def test_the_report_of_a_design(
         assert said.strip() in " ".join(unfolded.split())
     (tmp_path / "own").mkdir()
     monkeypatch.chdir(tmp_path / "own")
-    named = [folder, folder / "design.toml", controller.rename(tmp_path / "wrist.v2.controller")]
-    for source, name in zip(named, ("arm-c", "arm-c", "wrist.v2-c"), strict=True):
+    named = [folder, folder / "design.toml", folder / "controller"]
+    named += [controller.rename(tmp_path / "wrist.v2.controller")]
+    for source, name in zip(named, ("arm-c", "arm-c", "arm-c", "wrist.v2-c"), strict=True):
         assert main(["export", "c", str(source), "--force"]) == 0
         assert f"make -C {name} test" in capsys.readouterr().out
         assert (tmp_path / "own" / name / "README.md").is_file()

@@ -65,8 +65,9 @@ BRANCHES = (
 
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
 RULES = re.compile(
-    r"int arm_(exact|init|start|check|step|predict|rest)\(|int arm_(same|went_back|possible_input|counted)\(|"
-    r"void arm_(limit|begin|hold)\(|real arm_(larger|smaller|number|slipped)\(|"
+    r"int arm_(exact|init|start|check|step|predict|rest|at_rest|may_act|start_faults)\(|"
+    r"int arm_(same|went_back|possible_input|counted)\(|"
+    r"void arm_(limit|begin|hold|reasons)\(|real arm_(larger|smaller|number|slipped)\(|"
     r"arm_type_of_constants|int arm_is\(|ranges\[RANGES\]"
 )
 

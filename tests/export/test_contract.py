@@ -128,8 +128,9 @@ STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
 def holds(found: tuple[int, str]) -> bool:
-    """Whether a program ended well, and said nothing but that."""
-    return found[0] == 0 and found[1].count("\n") == 1 and "passed" in found[1]
+    """Whether a program ended well, and said nothing but that, and how near it came to what was computed elsewhere."""
+    said = [line for line in found[1].splitlines() if "farthest" not in line]
+    return found[0] == 0 and len(said) == 1 and "passed" in said[0]
 
 
 def rehearsed(
@@ -158,7 +159,12 @@ FAULTS = [
     ("    state->began_again = at_start;\n", "", "contract"),
     ("((-1e-14) * v2) <= noise_0;", "((-1e-14) * v2) > noise_0;", "contract"),
     ("(v42 * v42) * v1;", "(v42 / v42) * v1;", "test"),
-    ("    if (state->mark != INITIALISED) {", "    if (0) {", "contract"),
+    ("    if (state->mark != INITIALISED) {\n        arm_limit", "    if (0) {\n        arm_limit", "contract"),
+    ("    if (state->mark != INITIALISED) {\n        output->stop", "    if (0) {\n        output->stop", "contract"),
+    ("reasons[3] = (lost > 0)", "reasons[3] = (lost > 1)", "contract"),
+    ("state->stop[10] > 0.0", "state->stop[11] > 0.0", "contract"),
+    ("reasons[i] = ((counted % 2) == 1)", "reasons[i] = ((counted % 2) >= 0)", "contract"),
+    ("        state->looks = 0;", "", "contract"),
     (" && arm_some(input->y) != 0", "", "test"),
     ("? state->estimate[i] :", "? state->estimate[i] * 1.000001 :", "test"),
     ("output->estimate[i] = (", "static int rows = 0; output->estimate[i] = (rows++ == 0) ? NAN : (", "test"),

@@ -19,7 +19,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.errors import NumericalFailure
-from flexhinf.export import export_c
+from flexhinf.export import export_c, protected
 from flexhinf.export.compiled_follower import follow_files
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, code_of
@@ -40,7 +40,9 @@ from flexhinf.export.recording import (
     samples_without,
 )
 from flexhinf.export.safety import CHECKED, SECTIONS, goals
+from flexhinf.export.stop_rehearsal import stop_values
 from flexhinf.loop.controller.memory import SPACING
+from flexhinf.stops import Stop
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -233,6 +235,39 @@ def test_the_programs_reach_the_lines_of_the_source(folder: Path) -> None:
     )
     shares = re.findall(r"^(Lines|Branches) executed:([\d.]+)%", done.stdout, flags=re.MULTILINE)
     assert min(float(share) for _, share in shares) > 98.0
+
+
+@pytest.mark.ci("exports of a controller with a protection, with gcov")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_a_controller_with_a_protection_passes_its_own_tests(real: str, tmp_path: Path) -> None:
+    """Its swings begin at the input of the start, in C as in Python; and every line is reached."""
+    if shutil.which("gcov") is None:
+        pytest.skip("missing: gcov")
+    own, _ = protected(watched().fresh(saturation=48.0), fh.paper_arm())
+    folder = export_c(own, tmp_path / "c", "arm", real, robot=fh.paper_arm())
+    done = subprocess.run(
+        ["make", "-s", "coverage", "CC=gcc"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    shares = re.findall(r"^(?:Lines|Branches) executed:([\d.]+)%", done.stdout, flags=re.MULTILINE)
+    assert min(map(float, shares)) > 98.0
+
+
+@pytest.mark.ci("writes the code of a controller with a protection")
+def test_stops_that_are_drawn_have_every_reason_category_and_end() -> None:
+    robot = robot_of("planar-two-link")
+    plain = controller_of("planar-two-link").fresh(saturation=48.0, supervision=fh.Supervision())
+    own, _ = protected(plain, robot)
+    every = stop_values(code_of(own, "arm", "double", robot))
+    decisions, bits = every["decisions"], len(Stop)
+    begun = [one for one in decisions if not one.before[:bits].any() and one.reasons]
+    assert {one.category for one in begun} == {0, 1, 2}
+    assert all(np.array([one.after[:bits] for one in begun]).any(axis=0))
+    assert all(np.array([one.before[:bits] for one in decisions]).any(axis=0))
+    lost = [one for one in decisions if one.before[bits] > 0.0 and not one.power]
+    assert {one.category for one in lost} == {0, 1, 2}
+    assert {one.power for one in decisions} == {0, 1}
+    assert np.bitwise_or.reduce([one.why for one in every["beginnings"]]) == 2 | 4 | 8
+    assert every["beginnings"][0].why == 0
 
 
 def test_covariances_stay_semidefinite_where_float_decides() -> None:

@@ -230,7 +230,7 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 DOUBTFUL = Metrics({"doubtful_samples": ""}, _doubtful, _doubtful_in_lanes)
 
 #: The first sample, from 1 on, at which a protective stop would have begun, 0 for none; and why, bits of
-#: `flexhinf.Stop`.
+#: `flexhinf.stops.Stop`.
 STOPPED = Metrics({"stop_sample": "", "stop_reasons": ""}, _stopped, _stopped_in_lanes)
 
 

@@ -352,11 +352,12 @@ def _origin(path: Path, command: str, designed: DesignedController) -> dict[str,
 
 
 def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """The design file, the robot file that it names, and a table of the requirements with what was found, by name."""
+    """The design file, the robot file that it names, and a table of the requirements with what was found, by name; none
+    for the file of a controller, although it may lie beside its design."""
     from flexhinf.design.design_file import has_controller
     from flexhinf.robot import catalogue
 
-    if not has_controller(path):
+    if path.suffix != ".toml" or not has_controller(path):
         return {}
     text = path.read_text(encoding="utf-8")
     named = str(tomllib.loads(text)["design"].get("robot", ""))

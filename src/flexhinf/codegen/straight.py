@@ -39,7 +39,7 @@ from flexhinf.codegen.program import (
 )
 from flexhinf.codegen.stages import staged_call
 from flexhinf.scalars import cholesky, trace
-from flexhinf.scalars.trace import opcodes
+from flexhinf.scalars.trace import instructions, opcodes
 
 #: Operations of a function up to which every call of it is written out; a larger one only where it is called once.
 SMALL = 48
@@ -78,7 +78,7 @@ class _Straight:
         self.work = {buffer.name for buffer in whole.buffers if buffer.role == "work"} | {COLUMN}
         self.parts = {(buffer.name, part.offset): part for buffer in whole.buffers for part in buffer.parts}
         self.calls = Counter(hash(step.function) for step in _all(whole.body) if isinstance(step, Call))
-        self.factors = dict[int, casadi.Function]()
+        self.factors, self.needs = dict[int, casadi.Function](), dict[int, list[tuple[int, int]]]()
 
     def program(self) -> Program:
         """The program with its memory moved together."""
@@ -87,14 +87,24 @@ class _Straight:
 
     # What a step reads and writes ---------------------------------------------------------------------
     def _reads(self, body: Sequence[Step]) -> set[Place]:
-        """Numbers of work buffers that steps read, of a column in hand too."""
+        """Numbers of work buffers that steps read, of a column in hand too; of a function those that it needs."""
         found: set[Place] = set()
         for step in body:
             if isinstance(step, Repeat | When):
                 found |= self._reads(step.body)
-            for piece in slices(step)[0]:
-                found.update(place for place in _places(piece) if place[0] in self.work)
+            places = [_places(piece) for piece in slices(step)[0]]
+            if isinstance(step, Call):
+                places = [[places[k][element] for k, element in self._needs(step.function)]]
+            found.update(place for some in places for place in some if place[0] in self.work)
         return found
+
+    def _needs(self, function: casadi.Function) -> list[tuple[int, int]]:
+        """Arguments and places in them that a function reads."""
+        key = hash(function)
+        if key not in self.needs:
+            read = (where for code, where, *_ in instructions(function) if code == casadi.OP_INPUT)
+            self.needs[key] = [(argument, element) for argument, element in read]
+        return self.needs[key]
 
     def _live(self, body: Sequence[Step], end: set[Place]) -> list[set[Place]]:
         """Numbers of work buffers that are read later, before each step, and at the end."""

@@ -29,8 +29,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
-from flexhinf.loop.controller.memory import RunCounts
-from flexhinf.loop.controller.stop import Stop
+from flexhinf.stops import Stop
 from flexhinf.validation import (
     checked_path,
     one_of,
@@ -408,6 +407,8 @@ class CompiledController:
     @property
     def counts(self) -> RunCounts:
         """As `Controller.counts`."""
+        from flexhinf.loop.controller.memory import RunCounts  # loads CasADi, which a step needs not
+
         counts = [0.0, 0.0, 0.0]
         for row, place in self._count_places:
             counts[row] = float(self._state[place])

@@ -59,14 +59,13 @@ from flexhinf.export.rendering import names_in
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
-from flexhinf.loop.controller.protection import LOOK, STOPS
+from flexhinf.loop.controller.protection import LOOK
 from flexhinf.loop.controller.readings import Readings, believed_readings
 from flexhinf.loop.controller.signs import PAUSES as TOO_MANY, SIGNS
 from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.status import WATCHED, possible_status
 from flexhinf.loop.controller.stop import (
     FAILED,
-    Stop,
     StopState,
     decided,
     first_stop,
@@ -76,6 +75,7 @@ from flexhinf.loop.controller.stop import (
 from flexhinf.plant import known, rcond_limit
 from flexhinf.plant.joints import standstill_function
 from flexhinf.scalars import drop_empty, maximum, trace
+from flexhinf.stops import STOPS, Stop
 from flexhinf.validation import unknown_name
 
 if TYPE_CHECKING:
@@ -118,6 +118,9 @@ NEVER = "always 0 here, not watched"
 
 #: Up to which number int and real of a type count.
 MOST_COUNTED = {"double": 2.0**31 - 1.0, "float": 2.0**24}
+
+#: Arguments and results of `ControllerCode.deciding` in C.
+DECIDING = ("before", "reasons", "u", "hold", "readings", "category", "data", "acts", "after")
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -343,7 +346,7 @@ class ControllerCode:
             "initial": Markup(number_lines(memory, self.initial_memory, self.real, MEMORY)),
             "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, self.whole_numbers),
             **self._stopping,
-            "start": self._starting,
+            "start": self.starting,
             "checkable": self.is_checkable,
             "range_rows": range_rows,
             "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
@@ -418,7 +421,7 @@ class ControllerCode:
         return watch is not None and bool(watch.pairs) and not watch.alone
 
     @property
-    def _starting(self) -> dict[str, object]:
+    def starting(self) -> dict[str, object]:
         """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
         model at rest at the measured links."""
         c, protection, watch = self.controller, self.controller.protection, self.controller.mode.protected
@@ -440,12 +443,19 @@ class ControllerCode:
         return {"samples": samples, "pairs": pairs, "links": links, "moved": moved}
 
     @property
-    def _stopping(self) -> dict[str, object]:
-        """What ``NAME_may_act`` consists of."""
+    def stops(self) -> tuple[Stop, ...]:
+        """Reasons that may stop the robot."""
+        always = (Stop.WRONG_PERIOD, Stop.STEP_FAILED, Stop.SENSOR_LOST)
+        return tuple(Stop) if self.controller.protection else always
+
+    @cached_property
+    def deciding(self) -> casadi.Function:
+        """(what a stop remembers, reasons, u, what holds the robot, readings, category, parameters) → the input that
+        acts, and what is remembered then, as a CasADi function."""
         c = self.controller
         drive, numbers = stop_numbers(c)
-        first = first_stop(np.asarray(c.input_before()))
-        sizes, m = [np.size(part) for part in first], self.sizes["u"]
+        first, m = first_stop(np.asarray(c.input_before())), self.sizes["u"]
+        sizes = [np.size(part) for part in first]
         ends = np.cumsum(sizes).tolist()
 
         def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
@@ -453,17 +463,28 @@ class ControllerCode:
             table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
             limits = c.data.named(data)
             parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
+            before, flags = (
+                np.array([flag if bit in self.stops else 0.0 for bit, flag in zip(Stop, row)])
+                for row in (parts.reasons, flags)
+            )
             now = numbers._replace(lower=limits.lower, upper=limits.upper)
+            parts = parts._replace(reasons=before)
             acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
             return acts, np.concatenate(after)
 
         readings = c.memory.places.get("readings", slice(0, 1))
         count = readings.stop - readings.start
-        traced = trace(decide, ends[-1], len(Stop), m, m, count, 1, self.sizes["data"], name="decided")
+        return trace(decide, ends[-1], len(Stop), m, m, count, 1, self.sizes["data"], name="decided")
+
+    @property
+    def _stopping(self) -> dict[str, object]:
+        """What ``NAME_may_act`` consists of."""
+        c = self.controller
+        first = first_stop(np.asarray(c.input_before()))
         _, stop_on, category = self.whole_numbers
         return {
-            "stop_size": ends[-1],
-            "stop_last": ends[3],
+            "stop_size": stop_size(self.sizes["u"]),
+            "stop_last": sum(np.size(part) for part in first[: StopState._fields.index("last")]),
             "initial_stop": self.numbers(np.concatenate(first)),
             "stop_on": stop_on,
             "category": category,
@@ -472,7 +493,9 @@ class ControllerCode:
                 " || ".join(f"code == {self.upper(name)}" for name in FAILED if name in self.codes)
             ),
             "signs": len(SIGNS) if c.protection else 0,
-            "decided": self.translator.function(traced),
+            "decided": self.translator.function(
+                self.deciding, *DECIDING, within={6: ("data", 0)}, apart=True
+            ),
         }
 
     @property

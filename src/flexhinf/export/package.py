@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,22 +12,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export import controller_c, follow
+from flexhinf.export.c_library import mathematics
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.follow import follow_values
 from flexhinf.export.follow_vector import follow_test_values
 from flexhinf.export.names import PARTS
 from flexhinf.export.provocation import provoked
-from flexhinf.export.recording import record, with_both_roundings
+from flexhinf.export.recording import record
 from flexhinf.export.refusals import check_limits
 from flexhinf.export.rehearsal import contract_values, reaches_far
 from flexhinf.export.rendering import of_file
 from flexhinf.export.ros2 import package_name, ros2_values
 from flexhinf.export.safety import safety_values
-from flexhinf.export.self_test import EVERY, VECTOR, Tested, accuracy
+from flexhinf.export.self_test import EVERY, VECTOR, Tested, tested
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
@@ -84,7 +83,7 @@ FILES: tuple[File[Export], ...] = (
     *(file.within(lambda export: export.code, COPIES) for file in controller_c.SOURCES),
     *(file.within(lambda export: export.follow, COPIES) for file in follow.FILES),
     VECTOR,
-    File("@{name}_contract.c", "contract.c", lambda export: contract_values(export.code, export.runs[-1])),
+    File("@{name}_contract.c", "contract.c", lambda export: _contract(export)),
     File("@{name}_follow_test.c", "follow_test.c", lambda export: follow_test_values(export.code), _follows),
     File("README.md", "README.md", lambda export: _readme(export)),
     File("main.c", "main.c", _drives),
@@ -227,9 +226,8 @@ def controller_files(
     """The files of `export_c`: relative path to text; raises as it does. `design`: Files of the design, which go with
     it."""
     code = code_of(controller, name, real, robot, origin)
-    run = provoked(code, record(code.controller, exact=code.real.kind))
-    runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
-    texts = files_of(Export(code, runs, accuracy(code, run), design))
+    vector = tested(code, provoked(code, record(code.controller, exact=code.real.kind)))
+    texts = files_of(Export(code, vector.runs, vector.allowed, design))
     return texts | {f"design/{path}": text for path, text in design.items()}
 
 
@@ -277,6 +275,10 @@ AT_LIMIT = {
     "": "commands swing faster than a robot should",
     "moved": "measured positions are moved away and back",
 }
+
+
+def _contract(export: Export) -> Mapping[str, object]:
+    return contract_values(export.code, export.runs[-1], export.allowed.pose)
 
 
 def _safety(export: Export) -> Mapping[str, object]:
@@ -343,15 +345,5 @@ def _readme(export: Export) -> Mapping[str, object]:
         "samples": run.begun,
         "provoked": 0 if run.provocation is None else sum(run.provocation.repeats),
         "has_design": bool(export.design),
+        "exact": export.allowed.exact,
     }
-
-
-#: What our own C calls of the mathematical library beside operations.
-BESIDE = frozenset({"frexp", "isfinite", "isnan"})
-
-
-def mathematics(source: str) -> list[str]:
-    """Functions and macros of the mathematical library that a source calls: those of operations, and of our own C."""
-    known = BESIDE.union(*(re.findall(r"(\w+)\{f\}", row.c) for row in OPERATIONS.values()))
-    called = set[str](re.findall(r"\b([a-z]\w*)\(", source))
-    return sorted(name for name in called if {name, name.removesuffix("f")} & known)

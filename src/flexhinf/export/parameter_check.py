@@ -18,8 +18,8 @@ from markupsafe import Markup
 
 from flexhinf.codegen.c import Real, constant
 from flexhinf.loop import Controller
-from flexhinf.loop.controller.stop import Stop
 from flexhinf.plant.parameters import ParameterTable
+from flexhinf.stops import Stop
 
 if TYPE_CHECKING:
     from flexhinf.robot import Robot

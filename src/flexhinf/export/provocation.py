@@ -546,15 +546,16 @@ def _script(
         act(0.0, 0.0, 1, 2)
         y[-1][k] = np.nan  # one sensor gave nothing
     sensors = list(np.eye(len(first))) if c.mode.checks_measurements else []
-    for which in [
-        *sensors,
-        *([np.ones(len(first))] if len(sensors) > 1 else []),
-    ]:  # one after the other, and all
-        for beyond in (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55):
-            act(
-                0.0, 0.0, 1, 1
-            )  # out of its range; and within it, from the other side too fast, then for some sensors
-            y[-1] += beyond * BELIEVED * size * which
+    several = int(len(sensors) > 1)
+    together = [np.ones(len(first))] * several
+    sides = [(which, 0.0, (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55)) for which in [*sensors, *together]]
+    sides += [
+        (sensors[k], 1.1 * (-1) ** k, (0.9, -0.9, 0.55, -0.55, -1.1)) for k in range(len(sensors) * several)
+    ]
+    for which, others, beyonds in sides:  # one after the other, all, and one that alone may be in its range
+        for beyond in beyonds:
+            act(0.0, 0.0, 1, 1)  # out of its range; and within it, from the other side too fast
+            y[-1] += np.where(which > 0.0, beyond, others) * BELIEVED * size
         act(0.0, 0.0, 1, 2)
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))

@@ -101,6 +101,7 @@ class Recording:
     "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`, `path_rate`, `rejected` (K, p), `doubtful`:
     Those of the controller after each sample. `hashes`: `memory_hash` of what it
     remembers then.
+    `unseen` (K, p): Samples since each measurement was there, where the C tells them.
     `moved`: The first sample at which measured positions are moved from outside; None without any. `provocation`: What
     is given in the rows from `begun` on; each row before is one sample.
     """
@@ -119,6 +120,7 @@ class Recording:
     memory_rows: np.ndarray
     moved: int | None = None
     provocation: Provocation | None = None
+    unseen: np.ndarray | None = None
 
     @property
     def begun(self) -> int:

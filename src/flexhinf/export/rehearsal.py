@@ -16,6 +16,7 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.parameter_check import Range, ranges
 from flexhinf.export.recording import Recording, history_of
+from flexhinf.export.stop_rehearsal import stop_values
 from flexhinf.loop.controller.options import holding_function
 
 
@@ -24,8 +25,10 @@ def reaches_far(code: ControllerCode) -> bool:
     return code.standstill is not None and not code.controller.mode.checks_measurements
 
 
-#: Angles beyond those that are reduced quickly, rad.
+#: Angles beyond those that are reduced quickly, rad; and farther ones, of every number of words that a reduction in
+#: float reads.
 FAR = {"double": "4e9", "float": "2e4F"}
+FARTHER = {"double": (), "float": (3e9, 7e15, 5e24, 2e33, 3e38)}
 LARGEST = {"double": "1e300", "float": "1e30F"}
 
 
@@ -37,28 +40,32 @@ def far_values(code: ControllerCode) -> dict[str, object] | None:
     return {"joints": code.standstill.size1_in(0), "angle": FAR[real], "largest": LARGEST[real]}
 
 
-def contract_values(code: ControllerCode, run: Recording) -> dict[str, object]:
-    """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
+def contract_values(code: ControllerCode, run: Recording, tight: float) -> dict[str, object]:
+    """What the rehearsal of the contract consists of, which begins with the first sample of a recording. `tight`: How
+    far rest and starts may be from what is computed elsewhere, relative to 1 and each number."""
     kept = code.controller.memory.places
     stop = kept.get("stop")
-    changes = {-1.0: MOST_FLIPS, math.nan: MOST_NONES} if code.real.bytes == 8 else {}
-    flips, nones = failures(code, run, changes) or ([], [])
+    exact = (
+        code.real.bytes == 8
+    )  # in float rounding decides about a number of the other sign, and not about none
+    nones, *flipped = failures(code, run, {math.nan: MOST_NONES} | ({-1.0: MOST_FLIPS} if exact else {}))
     return {
         "far": far_values(code),
-        "flips": flips,
+        "flips": flipped[0] if exact else [],
         "most_flips": MOST_FLIPS,
-        "turned": turned_parameters(code, run) if changes else [],
+        "turned": turned_parameters(code, run) if exact else [],
         "nones": nones,
         "most_nones": MOST_NONES,
         "largest": Markup(LARGEST[code.real.name]),
         "eps": float(np.finfo(code.real.kind).eps),
         "commanded": kept["reference"],
         "brakes": [] if stop is None else [stop.start + 1, stop.start + 2],
-        "tight": 1e-12 if code.real.bytes == 8 else 2e-3,
+        "tight": tight,
         "starts": starts_elsewhere(code),
         "tries": tries(code),
         "rests": rests(code),
         "slower": slower(code) if code.slows else [],
+        **stop_values(code),
         "first_y": run.y[0],
         "first_r": run.r[0],
         "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,
@@ -198,8 +205,10 @@ def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
     for share in POSES:
         q = np.array([share * math.cos(k) for k in range(function.size1_in(0))]).astype(kind).astype(float)
         found.append((q, _called(function, q, _model(code))))
-    far = np.full(function.size1_in(0), float(FAR[code.real.name].rstrip("F")))
-    return [*found, (far, _called(function, far, _model(code)))]
+    for angle in (float(FAR[code.real.name].rstrip("F")), *FARTHER[code.real.name]):
+        far = np.full(function.size1_in(0), angle).astype(kind).astype(float)
+        found.append((far, _called(function, far, _model(code))))
+    return found
 
 
 #: Rates of a path, the last of which changes nothing.

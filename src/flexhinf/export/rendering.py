@@ -84,6 +84,7 @@ def c_values(name: str, real: Real) -> dict[str, object]:
         "infinity": np.inf,
         "precision": np.finfo(real.kind),
         "number": number,
+        "double": partial(_number, real=Real("double"), nan="NAN"),
         "row": row,
         "matrix": matrix,
         "numbers": numbers,

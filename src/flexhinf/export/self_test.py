@@ -7,24 +7,18 @@ same. The rehearsal provokes every value that a step returns, and looks for what
 from __future__ import annotations
 
 import math
-import re
-import shlex
-import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexhinf.errors import refuse_if
-from flexhinf.export.compiled import build, compiler_flags
+from flexhinf.export.c_library import ARGUMENTS, library_calls, library_hash, mathematics
+from flexhinf.export.c_recording import CAnswers, answered, why_not_answered
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.file_list import File, rendered
-from flexhinf.export.programs import accepts, c_compiler, required_compiler, unusable
-from flexhinf.export.recording import MISSING, Recording, history_of, memory_hash
-from flexhinf.loop import Status
-from flexhinf.validation import value_text
+from flexhinf.export.file_list import File
+from flexhinf.export.recording import MISSING, Recording, history_of, memory_hash, with_both_roundings
+from flexhinf.export.rehearsal import contract_values
 
 #: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where
 #: they are called; in float of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C
@@ -34,9 +28,15 @@ TOLERANCE = {"double": 1e-9, "float": 5e-2}
 #: Largest error in float while positions are moved.
 MOST_MOVED = 0.2
 
-#: What a test vector in float allows: this many times what was measured, as other processors round otherwise.
-SPARE, MIN_TOLERANCE = 5.0, 1e-5
+#: What a test vector allows in float: this many times what was measured, as other processors and libraries round
+#: otherwise; at least so many units of the last place.
+SPARE, MIN_ULPS = 5.0, 16.0
 
+#: Largest error at rest, and of a start, relative to 1 and the number; in float where it is not measured.
+POSE_TOLERANCE = {"double": 1e-12, "float": 2e-3}
+
+#: Largest difference of a path rate in float where nothing is recorded in C.
+MOST_RATE = 0.05
 
 #: Every how many samples the estimate is compared.
 EVERY = 10
@@ -45,103 +45,18 @@ EVERY = 10
 @dataclass(frozen=True)
 class Accuracy:
     """Largest errors that a test vector allows in each of its parts, relative to each signal's largest value there, and
-    a text for the README. `said`: whether codes and bits of the status were those of the recording, where rounding does
-    not decide about them."""
+    a text for the README. `memory`: Of what is remembered, in the mean of its numbers. `rate`: Of the path rate.
+    `start`: Of the memory at the start of the provocation. `pose`: As `POSE_TOLERANCE`. `exact`: Whether status and
+    counts are those of each row."""
 
     inputs: tuple[float, ...]
     estimates: tuple[float, ...]
     text: str
-    said: bool = True
-
-
-def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
-    """In double what the C library's functions may differ by; in float what is measured with this machine's compiler.
-
-    Raises InvalidInput: that compiler fails, or inputs lose more than a test vector may allow, which is less while no
-    position is moved. What is lost while the controller is provoked is no measure of it.
-    """
-    most, plainly, parts = TOLERANCE[code.real.name], (f"-D{code.upper('PLAIN')}",), len(run.parts)
-    if code.real.name == "double":
-        same = f"nothing, if {code.name}_fused is 1 in a simulation with fused multiply-adds, and else in one without"
-        called = f"{same}, but for the C library's functions: the test vector allows {most:.0e}"
-        called, most = (called, most) if code.translator.calls_library else (same, 0.0)
-        return Accuracy((most,) * parts, (most,) * parts, called)
-    vector = "the test vector allows"
-    if reason := _why_not_measured():
-        text = f"not measured: {reason}; {vector} {100 * most:g} %"
-        any_error = {"": most, "moved": SPARE * MOST_MOVED, "provoked": math.inf}
-        return Accuracy(tuple(any_error[part] for part in run.parts), (math.inf,) * parts, text, said=False)
-    fused, plain = (_measured_errors(code, run, flags) for flags in (_portable(), plainly))
-    worst, estimates = (np.maximum(*each) for each in zip(fused[:2], plain[:2], strict=True))
-    has_moved = "moved" in run.parts
-    moved_most = worst[list(run.parts).index("moved")] if has_moved else 0.0
-    refuse_if(
-        worst[0] > most or moved_most > MOST_MOVED,
-        "The controller loses too much in float.",
-        f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
-        f"got {100 * worst[0]:.2g} %{MOVED.format(100 * moved_most) * has_moved}",
-        "--real double; or larger noise levels of the estimator, which condition its covariances better",
-    )
-    allowed = np.maximum(MIN_TOLERANCE, SPARE * worst)
-    allowed[0] = min(most, allowed[0])
-    moved = f" ({vector} {100 * SPARE * moved_most:.2g} %)"
-    return Accuracy(
-        tuple(allowed),
-        tuple(np.maximum(MIN_TOLERANCE, SPARE * estimates)),
-        f"{100 * fused[0][0]:.2g} % of the input's largest value over the test vector, {100 * plain[0][0]:.2g} % "
-        f"without fused multiply-adds, measured at the export; {vector} {100 * allowed[0]:.2g} %"
-        + (MOVED.format(100 * moved_most) + moved)
-        * has_moved,
-        said=fused[2] == plain[2] == 0,
-    )
-
-
-#: What is added of errors while measured positions are moved.
-MOVED = "; {:.2g} % while positions are moved from outside"
-
-
-def _why_not_measured() -> str:
-    """Why this machine's C compiler cannot tell what float loses; "" where it can."""
-    compiler = c_compiler()
-    if compiler is None:
-        return "no C compiler was found"
-    if reason := unusable(compiler, (), runs=True):
-        return f"{shlex.join(compiler)} makes no program that runs on this machine ({reason})"
-    return ""
-
-
-def _portable() -> tuple[str, ...]:
-    """Flags for the processors that exported libraries are for, of a compiler that knows them."""
-    flags = compiler_flags("portable")
-    return flags if accepts(required_compiler(), flags) else ()
-
-
-def _measured_errors(
-    code: ControllerCode, run: Recording, flags: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Largest errors of inputs and estimates in each part of the test vector, built for this machine, infinite where a
-    result is not finite; and how many codes and bits are others.
-
-    Raises InvalidInput: the compiler fails, changes results by flags of its own, or makes a program that ends early.
-    """
-    any_error = (math.inf,) * len(run.parts)
-    tested = Tested(code, (run,), Accuracy(any_error, any_error, ""))
-    texts = {**code.files, **rendered([VECTOR], tested, code.name, code.real, **code.values)}
-    with TemporaryDirectory() as work:
-        built = build(texts, Path(work), ("-O1", *flags))
-        done = subprocess.run([built], capture_output=True, text=True, check=False)
-    found = re.findall(r"largest relative error (\S+) .* of estimates (\S+)", done.stdout)
-    wrong = re.findall(r"wrong codes (\d+)", done.stdout)
-    refuse_if(
-        len(found) != len(run.parts) or not wrong,
-        "The test vector does not run to its end on this machine.",
-        f"expected an error of each of {len(run.parts)} parts, got the exit code {done.returncode} and "
-        f"{value_text((done.stdout + done.stderr).strip())}",
-        "another compiler in CC, without flags that change results; --real double measures nothing",
-    )
-    errors = np.array(found, dtype=float).T
-    inputs, estimates = np.where(np.isfinite(errors), errors, math.inf)
-    return inputs, estimates, int(wrong[0])
+    memory: tuple[float, ...] = ()
+    rate: float = 0.0
+    start: float = 1e-9
+    pose: float = POSE_TOLERANCE["double"]
+    exact: bool = True
 
 
 @dataclass(frozen=True)
@@ -153,48 +68,184 @@ class Tested:
     allowed: Accuracy
 
 
+def tested(code: ControllerCode, run: Recording) -> Tested:
+    """What a controller is tested with, of a recording of it: in double that recording, with both roundings; in float
+    what the C answers on this machine, or where no compiler is, that recording.
+
+    Raises InvalidInput: the compiler fails, or inputs lose more in float than `TOLERANCE`, and than `MOST_MOVED` while
+    positions are moved. What is lost while the controller is provoked is no measure of it.
+    """
+    if code.real.name == "double":
+        return Tested(code, with_both_roundings(code.controller, run), _in_double(code, len(run.parts)))
+    if reason := why_not_answered():
+        return Tested(code, (run,), _not_measured(run, reason))
+    found = answered(
+        code,
+        run,
+        lambda code: stimulus(code, run),
+        lambda code: contract_values(code, run, POSE_TOLERANCE["float"]),
+    )
+    return Tested(code, _sure(found), _measured(code, run, found))
+
+
+def _in_double(code: ControllerCode, parts: int) -> Accuracy:
+    """Of inputs what the C library's functions may differ by."""
+    most = TOLERANCE["double"] if code.translator.calls_library else 0.0
+    called = f"nothing, if {code.name}_fused is 1 in a simulation with fused multiply-adds, and else in one without"
+    called += f", but for the C library's functions: the test vector allows {most:.0e}" * (most > 0.0)
+    return Accuracy((most,) * parts, (most,) * parts, called, (most,) * parts)
+
+
+def _not_measured(run: Recording, reason: str) -> Accuracy:
+    most = TOLERANCE["float"]
+    text = f"not measured: {reason}; the test vector allows {100 * most:g} %"
+    inputs = {"": most, "moved": SPARE * MOST_MOVED, "provoked": math.inf}
+    estimates = (math.inf,) * len(run.parts)
+    return Accuracy(
+        tuple(inputs[part] for part in run.parts),
+        estimates,
+        text,
+        rate=MOST_RATE,
+        pose=POSE_TOLERANCE["float"],
+        exact=False,
+    )
+
+
+def _measured(code: ControllerCode, run: Recording, found: CAnswers) -> Accuracy:
+    """Nothing of the answers of the C, or what its library moves them by; refused where it is far from the
+    recording."""
+    plain, fused = (_errors(one, run)[0] for one in found.runs)
+    most, parts = TOLERANCE["float"], list(run.parts)
+    worst = np.maximum(plain, fused)
+    moved = worst[parts.index("moved")] if "moved" in parts else 0.0
+    said = MOVED.format(100.0 * moved) * ("moved" in parts)
+    refuse_if(
+        not (worst[0] <= most and moved <= MOST_MOVED),
+        "The controller loses too much in float.",
+        f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
+        f"got {100 * worst[0]:.2g} %{said}",
+        "--real double; or larger noise levels of the estimator, which condition its covariances better",
+    )
+    least = MIN_ULPS * code.real.epsilon
+    away = [_errors(*pair) for pair in zip(found.moved, found.runs)]
+    inputs, estimates, memory = (
+        tuple(np.maximum(least, SPARE * np.max(each, axis=0)).tolist()) if away else (0.0,) * len(parts)
+        for each in zip(*(row[:3] for row in away or [((), (), ())]))
+    )
+    allows = f"the test vector has the numbers of this C, and allows {100 * max(inputs):.2g} % of them"
+    return Accuracy(
+        inputs,
+        estimates,
+        f"{100 * fused[0]:.2g} % of the input's largest value over the test vector, {100 * plain[0]:.2g} % without "
+        f"fused multiply-adds, measured at the export{said}; "
+        f"{allows if away else 'the test vector has the bits of this C'}",
+        memory,
+        rate=max((row[3] for row in away), default=0.0) * SPARE,
+        start=least,
+        pose=min(POSE_TOLERANCE["float"], max(least, SPARE * found.pose)),
+    )
+
+
+#: What is added of errors while measured positions are moved.
+MOVED = "; {:.2g} % while positions are moved from outside"
+
+
+def _errors(one: Recording, other: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Largest errors of inputs, estimates and memory in each part, relative as `Accuracy` has them, infinite where a
+    result is not finite; and the largest one of the path rate."""
+
+    def largest(away: np.ndarray, sizes: Sequence[np.ndarray]) -> np.ndarray:
+        found = np.array([np.abs(away[part] / size).max() for part, size in zip(other.parts.values(), sizes)])
+        return np.where(np.isfinite(found), found, math.inf)
+
+    inputs, estimates = _sizes(other)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sums = (one.memory_rows - other.memory_rows) @ _shares(other) / other.memory_rows.shape[1]
+        return (
+            largest(one.u - other.u, inputs),
+            largest(one.estimate - other.estimate, estimates),
+            largest(sums, [np.ones(())] * len(other.parts)),
+            float(np.abs(np.subtract(one.path_rate, other.path_rate)).max()),
+        )
+
+
+def _sizes(run: Recording) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Largest values of inputs (m,) and estimates (n,) in each part, by which errors are divided."""
+    inputs, estimates = list[np.ndarray](), list[np.ndarray]()
+    for part in run.parts.values():
+        largest = np.abs(run.estimate[part]).max(axis=0)
+        inputs.append(np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30))
+        estimates.append(np.maximum(largest, 1e-3 * largest.max()))
+    return inputs, estimates
+
+
+def _sure(found: CAnswers) -> tuple[Recording, ...]:
+    """The recordings of the C, with -1 for each status that a library may change."""
+    runs = list(found.runs)
+    for k, (one, off) in enumerate(zip(found.runs, found.moved)):
+        runs[k] = replace(one, status=agreed(np.array(one.status), np.array(off.status)).tolist())
+    return tuple(runs)
+
+
+def agreed(one: np.ndarray, *others: np.ndarray) -> np.ndarray:
+    """Whole numbers, or -1 where others differ."""
+    for other in others:
+        one = np.where(one == other, one, -1)
+    return one
+
+
 #: The test vector as C; stored inputs are exact, as in Python.
 VECTOR: File[Tested] = File(
     "@{name}_test.c", "test.c", lambda it: vector_values(it.code, it.runs, it.allowed)
 )
 
 
-def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> dict[str, object]:
-    """What the test vector consists of."""
-    run = runs[-1]
-    sizes, sizes_of_estimates = list[np.ndarray](), list[np.ndarray]()
-    for part in run.parts.values():
-        largest = np.abs(run.estimate[part]).max(axis=0)
-        sizes.append(np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30))
-        sizes_of_estimates.append(np.maximum(largest, 1e-3 * largest.max()))
-    exact = code.real.bytes == 8
-    initial = code.controller.initial_memory()
-    tables = [f"0x{memory_hash(np.asarray(part, code.real.kind)):016x}u" for part in (code.defaults, initial)]
+def stimulus(code: ControllerCode, run: Recording) -> dict[str, object]:
+    """What the template of what is given needs."""
     return {
-        "tables": tables,
+        "codes": run.codes,
         "y": run.y,
         "r": run.r,
         "measured": [int(kind != MISSING) for kind in run.kinds],
-        "codes": [code.codes[kind].value for kind in run.codes],
         "repeats": run.repeats,
         "provocation": run.provocation,
-        **_replaced(run, initial),
-        "unseen": _unseen(run),
-        "rejected": run.rejected,
+        "begun": run.begun,
+        **_replaced(run, code.controller.initial_memory()),
+    }
+
+
+def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> dict[str, object]:
+    """What the test vector consists of."""
+    run, exact = runs[-1], allowed.exact
+    calls = library_calls(mathematics(code.source), code.real)
+    library = library_hash(calls, code.real) if exact and calls else None
+    sizes, sizes_of_estimates = _sizes(run)
+    initial = code.controller.initial_memory()
+    tables = [f"0x{memory_hash(np.asarray(part, code.real.kind)):016x}u" for part in (code.defaults, initial)]
+    numbers = [np.array([code.codes[kind].value for kind in one.codes]) for one in runs]
+    return {
+        **stimulus(code, run),
+        "tables": tables,
+        "codes": agreed(*numbers).tolist(),
+        "unseen": agreed(*(_unseen(one) for one in runs)),
+        "rejected": agreed(*(one.rejected for one in runs)),
         "runs": [
             {
                 "u": one.u,
                 "estimates": one.estimate[::EVERY],
-                "status": one.status if exact else sure_bits(one, allowed.said),
+                "status": one.status if exact else [-1] * len(one.status),
                 "path_rate": one.path_rate,
                 "doubtful": one.doubtful,
-                "hashes": [f"0x{number:016x}u" for number in one.hashes],
+                "hashes": [f"0x{number >> 32:08x}u" for number in one.hashes],
                 "sums": one.memory_rows @ _shares(run),
             }
             for one in runs
         ],
         "exact": exact,
-        "hashes": exact and allowed.inputs[0] == 0.0,
+        "hashes": exact,
+        "library": None if library is None else f"0x{library:016x}u",
+        "library_calls": calls,
+        "arguments": ARGUMENTS,
         "adds": exact and (allowed.inputs[0] > 0.0 or run.provocation is not None),
         "shares_at_start": None
         if run.provocation is None
@@ -209,7 +260,6 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         "sizes_of_estimates": sizes_of_estimates,
         "allowed": allowed,
         "every": EVERY,
-        "begun": run.begun,
     }
 
 
@@ -218,22 +268,6 @@ BASES = 60
 
 #: A share that no sum of a few comes near to a whole number of.
 GOLDEN = 0.618034
-
-#: Rows on either side of a change of the status in which rounding of float may decide when it comes.
-NEAR_CHANGE = 2
-
-#: The bit of an estimate in doubt, which is another one in float.
-DOUBT = int(Status.DOUBTFUL_ESTIMATE)
-
-
-def sure_bits(run: Recording, said: bool) -> list[int]:
-    """The status after each row, without the bit of doubt; −1 where rounding may decide, and everywhere where this
-    machine's `said` others."""
-    bits = np.array(run.status) & ~DOUBT
-    changes = np.flatnonzero(np.diff(bits))
-    for k in changes:
-        bits[max(0, k + 1 - NEAR_CHANGE) : k + 1 + NEAR_CHANGE] = -1
-    return bits.tolist() if said else [-1] * len(bits)
 
 
 def _replaced(run: Recording, initial: np.ndarray) -> dict[str, object]:
@@ -264,6 +298,8 @@ def _shares(run: Recording) -> np.ndarray:
 
 def _unseen(run: Recording) -> np.ndarray:
     """Samples (K, p) since each measurement was last there."""
+    if run.unseen is not None:
+        return run.unseen
     counts, found = np.zeros(run.y.shape[1], dtype=int), list[np.ndarray]()
     for k, (y, kind, times) in enumerate(zip(run.y, run.kinds, run.repeats, strict=True)):
         counts = counts * (k != run.begun)

@@ -18,7 +18,8 @@ from tests.builders import arm_controller
 import flexhinf as fh
 from flexhinf.export import protected
 from flexhinf.loop.controller.readings import Readings
-from flexhinf.loop.controller.stop import LONGEST, Stop
+from flexhinf.loop.controller.stop import LONGEST
+from flexhinf.stops import Stop
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -441,11 +441,13 @@ class Translator:
         function: casadi.Function,
         *names: str,
         within: Mapping[int, tuple[str, int]] = MappingProxyType({}),
+        apart: bool = False,
     ) -> str:
         """Add a traced function without a program; the name of the C function, whose empty arguments are left out.
 
         `names`: Of the arguments that are left, and of results. `within`: Of arguments that are given as a whole buffer
-        whose elements have names: which one, and where the argument begins in it.
+        whose elements have names: which one, and where the argument begins in it. `apart`: Whether no result takes the
+        place of an argument.
         """
         function = drop_empty(function)
         shared: list[tuple[Hashable, tuple[str, ...] | None]] = [
@@ -453,7 +455,7 @@ class Translator:
         ]
         for k, (buffer, begin) in within.items():
             shared[k] = buffer, tuple(self._elements[buffer][begin : begin + function.size1_in(k)])
-        return self._function(function, names=names, shared=tuple(shared))
+        return self._function(function, names=names, shared=tuple(shared), apart=apart)
 
     def _function(
         self,

@@ -647,14 +647,18 @@ static void wide(void)
     give();
 }
 
-{% if rests or starts %}
+static @{name}_real farthest;
+
 static int near(@{name}_real found, @{name}_real expected)
 {
     const @{name}_real size = 1 + fabs@{f}(expected);
-    return fabs@{f}(found - expected) <= size * @{number(tight)};
+    const @{name}_real away = fabs@{f}(found - expected) / size;
+    farthest = (away <= farthest) ? farthest : away;
+    return away <= @{number(tight)};
 }
 
-{% endif %}
+{% include "contract_stop.c" %}
+
 {% if starts %}
 /* A start elsewhere without an input begins with the one that holds the robot there. */
 static void held_starts(void)
@@ -732,6 +736,9 @@ static void rests(void)
     };
     @{name}_real r[@{NAME}_STATES + @{NAME}_INPUTS];
     for (int k = 0; k < @{rests | length}; ++k) {
+        for (int i = 0; i < @{NAME}_STATES + @{NAME}_INPUTS; ++i) {
+            r[i] = 1; /* nothing of it stays */
+        }
         expect(@{name}_rest(&param, poses[k], r) == @{NAME}_OK, "rest at a pose");
         for (int i = 0; i < @{NAME}_STATES + @{NAME}_INPUTS; ++i) {
             expect(near(r[i], expected[k][i]), "state and input at rest");
@@ -879,6 +886,15 @@ int main(void)
     periods();
     limits();
     wide();
+    reasons();
+{% if code.rests %}
+#ifndef @{NAME}_WITHOUT_REST
+{% endif %}
+    stops();
+{% if code.rests %}
+#endif
+{% endif %}
+    looks();
 {% if starts %}
     held_starts();
 {% endif %}
@@ -893,6 +909,8 @@ int main(void)
 {% if far %}
     far_away();
 {% endif %}
+    printf("@{name}: rest, starts and stops, farthest %.3g from what was computed elsewhere (allowed %.3g)\n", (double)farthest,
+           @{"%.3g" | format(tight)});
     printf("@{name}: the contract %s\n", (wrong == 0) ? "holds: passed" : "is broken: FAILED");
     return (wrong == 0) ? 0 : 1;
 }

@@ -255,6 +255,10 @@ int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name
             code = @{NAME}_BAD_START;
         }
     }
+{% if "swung" in places %}
+    @{name}_copy(state->start + @{NAME}_AT_U, state->start + @{NAME}_AT_SWUNG, @{NAME}_INPUTS); /* where a swing begins */
+    @{name}_copy(state->start + @{NAME}_AT_U, state->start + @{NAME}_AT_SWUNG + @{NAME}_INPUTS, @{NAME}_INPUTS);
+{% endif %}
 {% if "queue" in places %}
     for (int i = 0; i < @{NAME}_LATENCY * @{NAME}_INPUTS; ++i) {
         state->start[@{NAME}_AT_QUEUE + i] = state->start[@{NAME}_AT_U{% if code.sizes.u > 1 %} + i % @{NAME}_INPUTS{% endif %}];
@@ -459,11 +463,11 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
     return code;
 }
 
+{% if signs %}
 /* What speaks against a start by these readings, bit by bit. */
 static int @{name}_start_faults(const @{name}_state *state, const @{name}_param *param, const real *y)
 {
     int found = 0;
-{% if signs %}
     static const real moved[@{NAME}_MEASUREMENTS] = {@{start.moved}};
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         const int beyond = (y[i] < param->value[@{NAME}_P_MEASUREMENT_LOWER + i] || y[i] > param->value[@{NAME}_P_MEASUREMENT_UPPER + i]) ? 1 : 0;
@@ -485,14 +489,10 @@ static int @{name}_start_faults(const @{name}_state *state, const @{name}_param 
     }
 #endif
 {% endif %}
-{% else %}
-    (void)state;
-    (void)param;
-    (void)y;
-{% endif %}
     return found;
 }
 
+{% endif %}
 int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, int *why)
 {
     int code = @{NAME}_WAITING;
@@ -502,10 +502,14 @@ int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{na
             *why = @{NAME}_START_MISSING;
         }
     }
+{% if signs %}
     if (*why == 0) {
         *why = @{name}_start_faults(state, param, input->y);
         code = (*why == 0) ? code : @{NAME}_BAD_START;
     }
+{% else %}
+    (void)param;
+{% endif %}
     if (*why != 0) {
         state->looks = 0;
     } else {
@@ -556,7 +560,7 @@ static void @{name}_reasons(const @{name}_state *state, const @{name}_param *par
 
 int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output)
 {
-    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], next[@{stop_size}];
+    real reasons[@{reasons | length}], hold[@{NAME}_INPUTS], acts[@{NAME}_INPUTS], next[@{stop_size}];
     const real category = (real)param->category;
     int power = 0;
     int bit = 1;
@@ -577,7 +581,8 @@ int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, 
     }
 #endif
 {% endif %}
-    @{decided}(state->stop, reasons, output->u, hold, state->memory@{" + " + NAME + "_AT_READINGS_LAST" if signs else ""}, &category, param->value, output->u, next);
+    @{decided}(state->stop, reasons, output->u, hold, state->memory@{" + " + NAME + "_AT_READINGS_LAST" if signs else ""}, &category, param->value, acts, next);
+    @{name}_copy(acts, output->u, @{NAME}_INPUTS);
     @{name}_copy(next, state->stop, @{stop_size});
     for (int i = 0; i < @{reasons | length}; ++i) {
         output->stop += (state->stop[i] > @{zero}) ? bit : 0;

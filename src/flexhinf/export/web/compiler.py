@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from flexhinf.errors import refuse_if
-from flexhinf.export.package import mathematics
+from flexhinf.export.c_library import mathematics
 from flexhinf.export.programs import run
 
 #: Of clang: every product and sum as it is written, so that the numbers do not depend on the browser.

@@ -61,10 +61,11 @@ from flexhinf.loop.controller.readings import Readings, believable
 from flexhinf.loop.controller.standstill import first_values, standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, status_of, watched_numbers
 from flexhinf.loop.controller.step import StepMode, controller_step
-from flexhinf.loop.controller.stop import Stop, decide
+from flexhinf.loop.controller.stop import decide
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
+from flexhinf.stops import Stop
 from flexhinf.validation import read_only, real_array, value_text
 
 #: Operations up to which a step is one trace, whose parts share subexpressions; above, it is of pieces in loops.

@@ -158,7 +158,7 @@ ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "est
 
 class RunCounts(NamedTuple):
     """Counts of a run, numbers or (N,) of many: samples at which the estimate was in doubt; the first one, from 1 on,
-    at which a protective stop would have begun, 0 for none; and the bits of `flexhinf.loop.Stop` there."""
+    at which a protective stop would have begun, 0 for none; and the bits of `flexhinf.stops.Stop` there."""
 
     doubtful: Any
     stop_sample: Any

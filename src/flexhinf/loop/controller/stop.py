@@ -13,7 +13,6 @@ becomes faster or does not do what the input should make of it: then the drive i
 
 from __future__ import annotations
 
-import enum
 from contextlib import suppress
 from functools import reduce
 from typing import Any, NamedTuple
@@ -22,11 +21,11 @@ import numpy as np
 
 from flexhinf.arrays import Element, Elements, Vector
 from flexhinf.errors import FlexhinfError
-from flexhinf.loop.controller.protection import STOPS
 from flexhinf.loop.controller.signs import PAUSES, SIGNS
 from flexhinf.loop.controller.slowing import Masses, Moving, Voters, first_moving, masses_of, moved, voters_of
 from flexhinf.plant.plant import equilibrium_at
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
+from flexhinf.stops import STOPS, Stop
 
 #: Longest controlled stop, and how long joints must stand before it ends, s; time after which it must have made them
 #: slower, s.
@@ -48,28 +47,6 @@ HOLDING = 0.125
 
 #: Time constant of a command of positions or velocities that ends, s.
 ENDING = 0.03
-
-
-class Stop(enum.IntFlag):
-    """Reasons of a protective stop, in the order of their bits; the exported C has the same numbers."""
-
-    WRONG_PERIOD = 1
-    STEP_FAILED = 2
-    BAD_START = 4
-    SENSOR_LOST = 8
-    INCONSISTENT = 16
-    RUNAWAY = 32
-    TOO_FAST = 64
-    OPPOSED = 128
-    OSCILLATING = 256
-    STUCK = 512
-
-    def __str__(self) -> str:
-        """What each reason says; `format` and the exported C have the number."""
-        return (
-            "; ".join(reason.says for name, reason in STOPS.items() if Stop[name.upper()] in self)
-            or "nothing stops it"
-        )
 
 
 #: Codes of a step that cannot go on, by their names in exported C.

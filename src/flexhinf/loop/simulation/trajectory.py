@@ -15,7 +15,6 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.memory import NO_COUNTS, RunCounts
-from flexhinf.loop.controller.stop import Stop
 from flexhinf.loop.simulation.metrics import (
     RunMetrics,
     no_metrics,
@@ -29,6 +28,7 @@ from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, table_html
 from flexhinf.numerals import number_text
 from flexhinf.plant import BlackBox, Plant
+from flexhinf.stops import Stop
 from flexhinf.validation import checked_path, read_only, required_package, unknown_name
 
 if TYPE_CHECKING:
