@@ -42,6 +42,7 @@ from flexhinf.validation import (
 if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
     from flexhinf.loop import Controller
+    from flexhinf.loop.controller.memory import RunCounts
 
 
 def compile_controller(
@@ -78,6 +79,7 @@ def compile_controller(
 
     from flexhinf.export.controller_c import SOURCES, code_of
     from flexhinf.export.file_list import File, rendered
+    from flexhinf.loop.controller.memory import RunCounts
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)
@@ -409,10 +411,8 @@ class CompiledController:
         """As `Controller.counts`."""
         from flexhinf.loop.controller.memory import RunCounts  # loads CasADi, which a step needs not
 
-        counts = [0.0, 0.0, 0.0]
-        for row, place in self._count_places:
-            counts[row] = float(self._state[place])
-        return RunCounts(*counts)
+        counts = {row: float(self._state[place]) for row, place in self._count_places}
+        return RunCounts(*(counts.get(row, 0.0) for row in range(3)))
 
     @property
     def doubtful_samples(self) -> int:

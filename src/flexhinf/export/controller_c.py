@@ -56,20 +56,15 @@ from flexhinf.export.names import (
 from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.export.places import Places
 from flexhinf.export.rendering import names_in
+from flexhinf.export.stop_code import StopCode
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
 from flexhinf.loop.controller.protection import LOOK
-from flexhinf.loop.controller.readings import Readings, believed_readings
+from flexhinf.loop.controller.readings import believed_readings
 from flexhinf.loop.controller.signs import PAUSES as TOO_MANY, SIGNS
-from flexhinf.loop.controller.slowing import voters_of
 from flexhinf.loop.controller.status import WATCHED, possible_status
 from flexhinf.loop.controller.stop import (
-    FAILED,
-    StopState,
-    decided,
-    first_stop,
-    stop_numbers,
     stop_size,
 )
 from flexhinf.plant import known, rcond_limit
@@ -119,8 +114,6 @@ NEVER = "always 0 here, not watched"
 #: Up to which number int and real of a type count.
 MOST_COUNTED = {"double": 2.0**31 - 1.0, "float": 2.0**24}
 
-#: Arguments and results of `ControllerCode.deciding` in C.
-DECIDING = ("before", "reasons", "u", "hold", "readings", "category", "data", "acts", "after")
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -320,7 +313,7 @@ class ControllerCode:
             "signals": signals,
             "parameters": self.places.parameters(),
             "look": f"{LOOK:g}",
-            "checkable": self.is_checkable,
+            "checkable": self.stop.is_checkable,
             "stops": [
                 (self.upper(f"STOP_{stop.name}"), stop.value, STOPS[str(stop.name).lower()].says)
                 for stop in Stop
@@ -345,9 +338,9 @@ class ControllerCode:
             "defaults": Markup(default_lines(self.controller, self.defaults, self.real)),
             "initial": Markup(number_lines(memory, self.initial_memory, self.real, MEMORY)),
             "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, self.whole_numbers),
-            **self._stopping,
-            "start": self.starting,
-            "checkable": self.is_checkable,
+            **self.stop.deciding_values,
+            "start": self.stop.starting,
+            "checkable": self.stop.is_checkable,
             "range_rows": range_rows,
             "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
             "holding": holding,
@@ -407,96 +400,10 @@ class ControllerCode:
         protection = self.controller.protection
         return MISSING_LIMIT if protection is None else protection.longest_unseen
 
-    @property
-    def stop_text(self) -> str:
-        """What acts without power, for a header."""
-        protection = self.controller.protection
-        held = protection is not None and protection.drive == "position"
-        return "the last one" if held else "0 as far as its limits allow"
-
-    @property
-    def is_checkable(self) -> bool:
-        """Whether each motor's encoder has a second reading that tells whether its place is true."""
-        watch = self.controller.mode.protected
-        return watch is not None and bool(watch.pairs) and not watch.alone
-
-    @property
-    def starting(self) -> dict[str, object]:
-        """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
-        model at rest at the measured links."""
-        c, protection, watch = self.controller, self.controller.protection, self.controller.mode.protected
-        samples = 1 + max(1, round(LOOK / c.period))
-        if protection is None or watch is None:
-            return {"samples": samples, "pairs": ()}
-        states, links = list(self.signals["X"]), [list(c.measured).index(name) for name in protection.links]
-        pairs = list[dict[str, object]]()
-        for j, pair in enumerate(watch.pairs if links and self.standstill is not None else ()):
-            terms = [(constant(protection.shares[row][j], self.real), place) for place, row in pair.links]
-            model = [f"{share} * rest[{states.index(c.measured[place])}]" for share, place in terms]
-            seen = [f"{share} * y[{place}]" for share, place in terms]
-            pairs.append({
-                "measured": Markup(" - ".join([f"y[{pair.motor}]", *seen])),
-                "model": Markup(" - ".join([f"rest[{states.index(c.measured[pair.motor])}]", *model])),
-                "most": Markup(constant(protection.twist_at_start[j], self.real)),
-            })  # fmt: skip
-        moved = Markup(", ".join(constant(way, self.real) for way in protection.moved_at_start))
-        return {"samples": samples, "pairs": pairs, "links": links, "moved": moved}
-
-    @property
-    def stops(self) -> tuple[Stop, ...]:
-        """Reasons that may stop the robot."""
-        always = (Stop.WRONG_PERIOD, Stop.STEP_FAILED, Stop.SENSOR_LOST)
-        return tuple(Stop) if self.controller.protection else always
-
     @cached_property
-    def deciding(self) -> casadi.Function:
-        """(what a stop remembers, reasons, u, what holds the robot, readings, category, parameters) → the input that
-        acts, and what is remembered then, as a CasADi function."""
-        c = self.controller
-        drive, numbers = stop_numbers(c)
-        first, m = first_stop(np.asarray(c.input_before())), self.sizes["u"]
-        sizes = [np.size(part) for part in first]
-        ends = np.cumsum(sizes).tolist()
-
-        def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
-            flags, u, hold, readings, category, data = others
-            table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
-            limits = c.data.named(data)
-            parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
-            before, flags = (
-                np.array([flag if bit in self.stops else 0.0 for bit, flag in zip(Stop, row)])
-                for row in (parts.reasons, flags)
-            )
-            now = numbers._replace(lower=limits.lower, upper=limits.upper)
-            parts = parts._replace(reasons=before)
-            acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
-            return acts, np.concatenate(after)
-
-        readings = c.memory.places.get("readings", slice(0, 1))
-        count = readings.stop - readings.start
-        return trace(decide, ends[-1], len(Stop), m, m, count, 1, self.sizes["data"], name="decided")
-
-    @property
-    def _stopping(self) -> dict[str, object]:
-        """What ``NAME_may_act`` consists of."""
-        c = self.controller
-        first = first_stop(np.asarray(c.input_before()))
-        _, stop_on, category = self.whole_numbers
-        return {
-            "stop_size": stop_size(self.sizes["u"]),
-            "stop_last": sum(np.size(part) for part in first[: StopState._fields.index("last")]),
-            "initial_stop": self.numbers(np.concatenate(first)),
-            "stop_on": stop_on,
-            "category": category,
-            "reasons": list(Stop),
-            "fails": Markup(
-                " || ".join(f"code == {self.upper(name)}" for name in FAILED if name in self.codes)
-            ),
-            "signs": len(SIGNS) if c.protection else 0,
-            "decided": self.translator.function(
-                self.deciding, *DECIDING, within={6: ("data", 0)}, apart=True
-            ),
-        }
+    def stop(self) -> StopCode:
+        """What decides whether the output may act."""
+        return StopCode(self)
 
     @property
     def flags(self) -> tuple[Status, ...]:

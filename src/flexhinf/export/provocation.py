@@ -548,11 +548,11 @@ def _script(
     sensors = list(np.eye(len(first))) if c.mode.checks_measurements else []
     several = int(len(sensors) > 1)
     together = [np.ones(len(first))] * several
-    sides = [(which, 0.0, (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55)) for which in [*sensors, *together]]
-    sides += [
+    pushes = [(which, 0.0, (1.1, -1.1, 0.9, -0.9, 0.0, 0.0, 0.55, -0.55)) for which in [*sensors, *together]]
+    pushes += [
         (sensors[k], 1.1 * (-1) ** k, (0.9, -0.9, 0.55, -0.55, -1.1)) for k in range(len(sensors) * several)
     ]
-    for which, others, beyonds in sides:  # one after the other, all, and one that alone may be in its range
+    for which, others, beyonds in pushes:  # one after the other, all, and one that alone may be in its range
         for beyond in beyonds:
             act(0.0, 0.0, 1, 1)  # out of its range; and within it, from the other side too fast
             y[-1] += np.where(which > 0.0, beyond, others) * BELIEVED * size

@@ -75,14 +75,14 @@ class Beginning:
 def stop_values(code: ControllerCode) -> dict[str, Any]:
     """What the rehearsal of stops and starts consists of."""
     c, protected = code.controller, code.controller.protection is not None
-    kept, starting = c.memory.places, code.starting
+    kept, starting = c.memory.places, code.stop.starting
     status, readings = kept.get("status", slice(0, 0)), kept.get("readings", slice(0, 0))
     return {
         "decisions": _decisions(code),
         "reason_of": [(code.upper(name), _reason(name)) for name in code.codes],
         "reasons": list(Stop),
         "signs": len(SIGNS),
-        "checkable": code.is_checkable,
+        "checkable": code.stop.is_checkable,
         "start_twists": bool(_twists(code)),
         "signs_at": status.stop - len(SIGNS) if protected else None,
         "misplaced_at": kept["misplaced"].start if protected else None,
@@ -170,7 +170,7 @@ class _Draw:
         if runs:
             reasons[rng.random(len(Stop)) < OFTEN] = 1.0
             reasons[k % len(Stop)] = 1.0
-        reasons *= [bit in self.code.stops for bit in Stop]
+        reasons *= [bit in self.code.stop.reasons for bit in Stop]
         runs = bool(reasons.any())
         speeds = self.speed * 10.0 ** rng.uniform(-3.0, 1.0)
         inputs, middle = self.high - self.low, 0.5 * (self.high + self.low)
@@ -211,7 +211,7 @@ class _Draw:
 
     def _reasons(self, k: int, runs: bool) -> int:
         """Reasons of this sample, which the C can be given, or none: a code is one of the first two alone."""
-        known = self.code.stops
+        known = self.code.stop.reasons
         if self.rng.random() < (0.5 if runs else 0.2):
             return 0
         others = [bit for bit in known[2:] if self.rng.random() < OFTEN]
@@ -228,7 +228,7 @@ class _Draw:
         last = before[self.ends[3] : self.ends[4]]
         hold = last if self.hold is None or not reasons else self.hold
         table = readings if self.count else np.zeros(1)
-        found = self.code.deciding.call(
+        found = self.code.stop.deciding.call(
             [before, flags, u, hold, table, np.array([float(category)]), self.numbers]
         )
         acts, after = (np.asarray(one.full()).ravel() for one in found)

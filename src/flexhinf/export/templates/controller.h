@@ -208,7 +208,7 @@ int @{name}_at_rest(@{name}_state *state, const @{name}_param *param, const @{na
 /* Whether the drives may have power: call it after each step, and obey. From the code of the step, its status, sensors that
  * are missing or refused, and measured speeds. What it once found stays: output->stop says it, and a new start alone
  * ends it. Returns 1, and output->u is what acts; during a controlled stop that is not the controller's. Returns 0 for
- * power off, from then on: then output->u is @{code.stop_text}, and brakes close. Steps go on as before. */
+ * power off, from then on: then output->u is @{code.stop.stop_text}, and brakes close. Steps go on as before. */
 int @{name}_may_act(@{name}_state *state, const @{name}_param *param, int code, @{name}_output *output);
 {% if code.standstill is not none %}
 

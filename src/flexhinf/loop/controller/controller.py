@@ -234,10 +234,8 @@ class Controller(Summarised):
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
         sensors, angles = ((), ()) if estimator is None else (self.measured, estimator.plant.angles)
-        self._sources = [
-            Source(name in sensors, read[name].index(name), self.states.index(name), name in angles)
-            for name in self.tracked
-        ]
+        places = {name: (read[name].index(name), self.states.index(name)) for name in self.tracked}
+        self._sources = [Source(name in sensors, *places[name], name in angles) for name in self.tracked]
         first, place = self.initial_memory(), self.memory.places["reference"]
         self._history = StateHistory(first, place, len(self.estimated), braking_place(self.memory.places))
         self._ready: Any = ()
@@ -504,8 +502,8 @@ class Controller(Summarised):
 
     @property
     def doubtful_samples(self) -> int:
-        """Samples since the start at which the estimate was in doubt, see `flexhinf.loop.controller.status`; 0 of an
-        estimator that does not say. A filter in the covariance form says no more than that P was repaired."""
+        """Samples since the start at which the estimate was in doubt; 0 of an estimator that does not say. A filter in
+        the covariance form says no more than that P was repaired."""
         return int(self.counts.doubtful)
 
     @property
@@ -589,8 +587,8 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
 
     An InvalidInput says that the file is not there, is no such file, is damaged, or is of another version.
 
-    >>> import flexhinf as fh
     >>> import tempfile
+    >>> import flexhinf as fh
     >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=200.0), None, 1e-3)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     controller.save(f"{folder}/controller")

@@ -1,0 +1,142 @@
+"""The decision whether a controller's output may act, as values of C templates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from flexhinf.codegen.c import constant
+from flexhinf.loop.controller.protection import LOOK
+from flexhinf.loop.controller.readings import Readings
+from flexhinf.loop.controller.signs import SIGNS
+from flexhinf.loop.controller.slowing import voters_of
+from flexhinf.loop.controller.stop import (
+    FAILED,
+    StopState,
+    decided,
+    first_stop,
+    stop_numbers,
+    stop_size,
+)
+from flexhinf.scalars import trace
+from flexhinf.stops import Stop
+
+if TYPE_CHECKING:
+    import casadi
+
+    from flexhinf.arrays import Elements
+    from flexhinf.export.controller_c import ControllerCode
+
+#: Arguments and results of `StopCode.deciding` in C.
+DECIDING = ("before", "reasons", "u", "hold", "readings", "category", "data", "acts", "after")
+
+
+@dataclass(frozen=True, eq=False)
+class StopCode:
+    """The decision of a controller's code."""
+
+    code: ControllerCode
+
+    @property
+    def stop_text(self) -> str:
+        """What acts without power, for a header."""
+        protection = self.code.controller.protection
+        held = protection is not None and protection.drive == "position"
+        return "the last one" if held else "0 as far as its limits allow"
+
+    @property
+    def is_checkable(self) -> bool:
+        """Whether each motor's encoder has a second reading that tells whether its place is true."""
+        watch = self.code.controller.mode.protected
+        return watch is not None and bool(watch.pairs) and not watch.alone
+
+    @property
+    def starting(self) -> dict[str, object]:
+        """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
+        model at rest at the measured links."""
+        c, protection, watch = (
+            self.code.controller,
+            self.code.controller.protection,
+            self.code.controller.mode.protected,
+        )
+        samples = 1 + max(1, round(LOOK / c.period))
+        if protection is None or watch is None:
+            return {"samples": samples, "pairs": ()}
+        states, links = (
+            list(self.code.signals["X"]),
+            [list(c.measured).index(name) for name in protection.links],
+        )
+        pairs = list[dict[str, object]]()
+        for j, pair in enumerate(watch.pairs if links and self.code.standstill is not None else ()):
+            terms = [
+                (constant(protection.shares[row][j], self.code.real), place) for place, row in pair.links
+            ]
+            model = [f"{share} * rest[{states.index(c.measured[place])}]" for share, place in terms]
+            seen = [f"{share} * y[{place}]" for share, place in terms]
+            pairs.append({
+                "measured": Markup(" - ".join([f"y[{pair.motor}]", *seen])),
+                "model": Markup(" - ".join([f"rest[{states.index(c.measured[pair.motor])}]", *model])),
+                "most": Markup(constant(protection.twist_at_start[j], self.code.real)),
+            })  # fmt: skip
+        moved = Markup(", ".join(constant(way, self.code.real) for way in protection.moved_at_start))
+        return {"samples": samples, "pairs": pairs, "links": links, "moved": moved}
+
+    @property
+    def reasons(self) -> tuple[Stop, ...]:
+        """Reasons that may stop the robot."""
+        always = (Stop.WRONG_PERIOD, Stop.STEP_FAILED, Stop.SENSOR_LOST)
+        return tuple(Stop) if self.code.controller.protection else always
+
+    @cached_property
+    def deciding(self) -> casadi.Function:
+        """(what a stop remembers, reasons, u, what holds the robot, readings, category, parameters) → the input that
+        acts, and what is remembered then, as a CasADi function."""
+        c = self.code.controller
+        drive, numbers = stop_numbers(c)
+        first, m = first_stop(np.asarray(c.input_before())), self.code.sizes["u"]
+        sizes = [np.size(part) for part in first]
+        ends = np.cumsum(sizes).tolist()
+
+        def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
+            flags, u, hold, readings, category, data = others
+            table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
+            limits = c.data.named(data)
+            parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
+            before, flags = (
+                np.array([flag if bit in self.reasons else 0.0 for bit, flag in zip(Stop, row)])
+                for row in (parts.reasons, flags)
+            )
+            now = numbers._replace(lower=limits.lower, upper=limits.upper)
+            parts = parts._replace(reasons=before)
+            acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
+            return acts, np.concatenate(after)
+
+        readings = c.memory.places.get("readings", slice(0, 1))
+        count = readings.stop - readings.start
+        return trace(decide, ends[-1], len(Stop), m, m, count, 1, self.code.sizes["data"], name="decided")
+
+    @property
+    def deciding_values(self) -> dict[str, object]:
+        """What ``NAME_may_act`` consists of."""
+        c = self.code.controller
+        first = first_stop(np.asarray(c.input_before()))
+        _, stop_on, category = self.code.whole_numbers
+        return {
+            "stop_size": stop_size(self.code.sizes["u"]),
+            "stop_last": sum(np.size(part) for part in first[: StopState._fields.index("last")]),
+            "initial_stop": self.code.numbers(np.concatenate(first)),
+            "stop_on": stop_on,
+            "category": category,
+            "reasons": list(Stop),
+            "fails": Markup(
+                " || ".join(f"code == {self.code.upper(name)}" for name in FAILED if name in self.code.codes)
+            ),
+            "signs": len(SIGNS) if c.protection else 0,
+            "decided": self.code.translator.function(
+                self.deciding, *DECIDING, within={6: ("data", 0)}, apart=True
+            ),
+        }
