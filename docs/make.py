@@ -454,6 +454,15 @@ def trajectories() -> str:
     return runpy.run_path(str(ROOT / "tests" / "export" / "trajectory_cases.py"))["table"]()
 
 
+def stops() -> str:
+    """Reasons of a protective stop."""
+    from flexhinf.stops import STOPS, Stop
+
+    rows = [("bit, reason", "what it says", "when", "look at"), ("---",) * 4]
+    rows += [(f"{Stop[name.upper()]:d}, `{name}`", *reason) for name, reason in STOPS.items()]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
@@ -464,6 +473,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "frozen": ("docs/architecture.md", benchmark("benchmarks.frozen", "--table")),
     "arm": ("docs/hardware.md", arm),
     "trajectories": ("docs/ros2.md", trajectories),
+    "stops": ("docs/supervision.md", stops),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
     "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),

@@ -23,9 +23,12 @@ from benchmarks.faults.kinds import FAULTS
 from benchmarks.faults.runs import ALL, Campaign, Planned, keep_smallest, one
 from benchmarks.faults.tables import KEPT, TABLES, failures, kept, summary, trips
 from benchmarks.faults.verdict import judged
+from flexhinf import export
 
 __all__ = ["main"]
 
+#: What ``safety.md`` of every export shows.
+SAFETY = Path(export.__file__).parent / "templates" / "faults_tried.md"
 #: How this is called.
 PROGRAM = ["python", "-m", "benchmarks.faults"]
 #: Runs of each fault and moves of each arm, as stated, and where it must be quick.
@@ -118,6 +121,7 @@ def run(given: argparse.Namespace, programs: Mapping[str, Program]) -> int:
     results = {"command": shlex.join([*PROGRAM, *words]), "arms": summary(rows)}
     if given.keep:
         KEPT.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        SAFETY.write_text(TABLES["tried"](results) + "\n", encoding="utf-8")
     tell(rows, results, own_words(given))
     return 1 if failures(rows) or trips(rows) else 0
 

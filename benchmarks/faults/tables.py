@@ -105,6 +105,34 @@ def _worst(found: Sequence[Mapping[str, Any]]) -> list[str]:
     ]  # fmt: skip
 
 
+def tried(results: Mapping[str, Any]) -> str:
+    """A line for each fault, the worst of all arms, for ``safety.md``."""
+    arms = results["arms"]
+    lines = _head(
+        ("fault", "noticed after", "by then", "rests after", "furthest after the notice", "not noticed")
+    )
+    for name, fault in FAULTS.items():
+        every = [arms[arm][name] for arm in arms if name in arms[arm]]
+        noticed = [one for one in every if "when" in one]
+        if not every:
+            continue
+        quiet = [
+            f"{sum(one.get(end, 0) for one in every)} {end}"
+            for end in VERDICTS
+            if end not in ("kept", "far", "slow", "late") and any(end in one for one in every)
+        ]
+        when, wrong, rested, way = (
+            max((one[key] for one in noticed if key in one), default=None)
+            for key in ("when", "wrong", "rested", "furthest")
+        )
+        cells = [
+            "" if when is None else f"{1e3 * when:.3g} ms", "" if wrong is None else f"{wrong:.2g} rad",
+            "" if rested is None else f"{rested:.2g} s", "" if way is None else f"{way:.2g} rad",
+        ]  # fmt: skip
+        lines.append(_cells([f"{name}: {fault.about}", *cells, ", ".join(quiet)]))
+    return "\n".join(lines)
+
+
 def _ended(one: Mapping[str, Any] | None) -> str:
     """Of an arm's runs of a fault."""
     if one is None:
@@ -187,5 +215,6 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     "groups": by_group,
     "hidden": hidden,
     "harmless": harmless,
+    "tried": tried,
     "faults": by_fault,
 }

@@ -118,6 +118,13 @@ def protected(
     return (controller.fresh(**options) if options else controller), unchecked
 
 
+def fallen(controller: Controller, robot: Robot, time: float) -> Vector:
+    """How far each joint falls from rest in some time, s, at most (n,), rad or m: with its heaviest load, at the worst
+    pose, without friction, as the joints behind it stand still."""
+    of = _Protected(controller, robot, np.array(robot.speed_limits), np.zeros(len(controller.measured)))
+    return 0.5 * time**2 * of.weights / (of.link_inertia + of.motor_inertia)
+
+
 @dataclass(frozen=True, eq=False)
 class _Protected:
     """A controller, its robot, the largest speeds of its links (n,), and the steps of its measurements (p,), 0 where

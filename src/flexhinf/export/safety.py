@@ -14,16 +14,21 @@ from flexhinf import __version__
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, STATUS, ControllerCode
 from flexhinf.export.follow import follower_of
+from flexhinf.export.protection import fallen
 from flexhinf.export.recording import Recording
 from flexhinf.export.rendering import markdown, of_file
 from flexhinf.loop import Status
 from flexhinf.loop.controller.memory import SPACING
+from flexhinf.stops import STOPS
 
 #: After how many samples a fault has its code; others have it at once.
 AT_ONCE = "in the same sample"
 
 #: Who acts on a code, and who on a bit.
 CALLER, CONTROLLER = "your program", "the controller; your program looks"
+
+#: Time for which an arm falls, s.
+FALLS = 0.1
 
 #: Which event of a supervision sets a bit.
 EVENTS = {
@@ -71,6 +76,10 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, object]:
         "provoked": run.provocation is not None,
         "set_bits": set_bits(code, run),
         "spacing": SPACING,
+        "stops": of_file(stops(code)),
+        "category": code.whole_numbers[2],
+        "falls": of_file(falls(code)),
+        "checkable": code.stop.is_checkable,
     }
 
 
@@ -157,6 +166,24 @@ def bits(code: ControllerCode) -> list[tuple[str, ...]]:
         cells = (reaction, f"{after}{braked and '; then '}{braked}") if watched else ("not watched", "—")
         found.append((f"{bit.value} `{code.upper(str(bit.name))}`", text, *cells))
     return found
+
+
+def stops(code: ControllerCode) -> list[tuple[str, ...]]:
+    """Every reason of a protective stop: when it is said, and what to look at."""
+    _, counted, _ = code.whole_numbers
+    reasons = [(bit, STOPS[str(bit.name).lower()]) for bit in code.stop.reasons if bit & counted]
+    return [(f"{bit:d} `{code.upper(f'STOP_{bit.name}')}`", *reason) for bit, reason in reasons]
+
+
+def falls(code: ControllerCode) -> list[tuple[str, str, str]]:
+    """Of each joint whether it has a brake, and how far it falls in `FALLS` where it has none."""
+    if code.robot is None:
+        return []
+    rows = zip(code.robot.joint_names, code.robot.brakes, fallen(code.controller, code.robot, FALLS))
+    return [
+        (name, "yes", "as far as the brake lets it") if brake else (name, "no", f"{way:.2g} rad")
+        for name, brake, way in rows
+    ]
 
 
 def goals(code: ControllerCode) -> list[tuple[str, ...]]:
