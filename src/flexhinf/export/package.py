@@ -26,7 +26,7 @@ from flexhinf.export.refusals import check_limits
 from flexhinf.export.rehearsal import contract_values, reaches_far
 from flexhinf.export.rendering import of_file
 from flexhinf.export.ros2 import package_name, ros2_values
-from flexhinf.export.safety import safety_values
+from flexhinf.export.safety import safety_values, stops
 from flexhinf.export.self_test import EVERY, VECTOR, Tested, tested
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
@@ -327,6 +327,7 @@ def _readme(export: Export) -> Mapping[str, object]:
         Markup("from `<math.h>`"): ", ".join(mathematics(code.source)),
     }
     return {
+        "stops": of_file(stops(export.code)),
         "facts": list(facts.items()),
         "signals": signals,
         "codes": of_file(

@@ -177,7 +177,7 @@ def stops(code: ControllerCode) -> list[tuple[str, ...]]:
 
 def falls(code: ControllerCode) -> list[tuple[str, str, str]]:
     """Of each joint whether it has a brake, and how far it falls in `FALLS` where it has none."""
-    if code.robot is None:
+    if code.robot is None or all(code.robot.brakes):
         return []
     rows = zip(code.robot.joint_names, code.robot.brakes, fallen(code.controller, code.robot, FALLS))
     return [
