@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from markupsafe import Markup
 
-from flexhinf.codegen.c import constant
+from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.loop.controller.protection import LOOK
 from flexhinf.loop.controller.readings import Readings
 from flexhinf.loop.controller.signs import SIGNS
@@ -29,17 +30,40 @@ if TYPE_CHECKING:
     import casadi
 
     from flexhinf.arrays import Elements
-    from flexhinf.export.controller_c import ControllerCode
+    from flexhinf.loop import Controller
 
 #: Arguments and results of `StopCode.deciding` in C.
 DECIDING = ("before", "reasons", "u", "hold", "readings", "category", "data", "acts", "after")
+
+
+class Coded(Protocol):
+    """What of a controller's code the decision needs, see `flexhinf.export.controller_c.ControllerCode`."""
+
+    @property
+    def real(self) -> Real: ...  # noqa: D102
+    @property
+    def controller(self) -> Controller: ...  # noqa: D102
+    @property
+    def signals(self) -> Mapping[str, Any]: ...  # noqa: D102
+    @property
+    def sizes(self) -> Mapping[str, int]: ...  # noqa: D102
+    @property
+    def translator(self) -> Translator: ...  # noqa: D102
+    @property
+    def standstill(self) -> casadi.Function | None: ...  # noqa: D102
+    @property
+    def whole_numbers(self) -> tuple[int, int, int]: ...  # noqa: D102
+    @property
+    def codes(self) -> Mapping[str, Any]: ...  # noqa: D102
+    def numbers(self, values: Sequence[float] | np.ndarray) -> Markup: ...  # noqa: D102
+    def upper(self, what: str) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
 class StopCode:
     """The decision of a controller's code."""
 
-    code: ControllerCode
+    code: Coded
 
     @property
     def stop_text(self) -> str:

@@ -489,7 +489,9 @@ def controller_facts(c: Any) -> dict[str, str]:
         "law": law if len(c.laws) == 1 else f"{len(c.laws)} laws ({law})",
         "estimator": "none (state feedback)" if c.estimator is None else type(c.estimator).__name__,
         "period": number_text(c.period, "s"),
-        "measured": names_text(c.measured),
+        "measured": names_text(c.measured)
+        + ("" if mode.checks_measurements else ", not checked for plausibility"),
+        "stops for": "" if c.protection is None else ", ".join(c.protection.stop_on),
         "tracked": names_text(c.tracked),
         "inputs": names_text(tuple(c.law.input_names)),
         "saturation": ", ".join(limits.texts(input_units))
