@@ -365,8 +365,6 @@ def test_the_link_is_found_from_the_motor_alone(managed: Callable[..., Callable[
         (500, {}),
         (1000, {"period": 2e-3}),
         (1000, {"publish_every": 0}),
-        (1000, {"category": 3}),
-        (1000, {"stop_on": ["runaway", "sensor_gone"]}),
         (1000, {"measurements__link_position__interface": "position"}),
         (1000, {"measurements__link_position__factor": 0.0}),
         (1000, {"measurements__link_position__factor": math.nan}),

@@ -199,3 +199,24 @@ def test_a_goal_ends_when_a_controlled_stop_begins(sources_of: Callable[..., Pat
     assert len(speeds) > 50
     assert max(speeds[-50:]) < 0.25 * moving
     assert np.array_equal(one.manager.input(), [0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "advice", "tried"),
+    [
+        ("stop_on", ["sensor_gone"], "stop_on: [runaway, sensor_lost]", ["runaway", "sensor_lost"]),
+        ("category", 3, "category: 1", 1),
+        ("longest_unseen", 0, "longest_unseen: 10", 10),
+        ("measurements__link_position__stamp", "count", "link_position.stamp: joint/stamp", "joint/stamp"),
+    ],
+)
+def test_a_parameter_that_does_not_fit_is_refused_with_advice_that_works(
+    name: str, wrong: Any, advice: str, tried: Any, start: Start, capfd: pytest.CaptureFixture[str]
+) -> None:
+    one = start()
+    assert one.configure(**{name: wrong}) == 1
+    said = capfd.readouterr().err
+    assert advice in said
+    assert "expected" in said
+    assert (wrong[0] if isinstance(wrong, list) else str(wrong)) in said
+    assert one.configure(**{name: tried}) == 0
