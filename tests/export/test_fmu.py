@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.export.fmus import Fmu
+from tests.loop.controller.test_signs import AT, FAULTS, POSE, Arm, made
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -76,6 +78,49 @@ def test_the_controller_answers_as_in_python(
     first, found = found[:], []
     samples()
     assert found == first
+    one.end()
+
+
+@pytest.fixture(scope="module")
+def protected(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[fh.Controller, Path]:
+    """A controller with a protective stop, and its FMU."""
+    controller = made()
+    return controller, export_fmu(controller, tmp_path_factory.mktemp("fmu") / "arm.fmu", "arm")
+
+
+@pytest.mark.ci("exports and compiles a model with a protective stop")
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("fault", "stop_on", "fresh"),
+    [("drive is reversed", 1023, 0), ("link is silent", 0, 0), ("none", 1023, -1)],
+)
+def test_the_inputs_are_those_that_may_act(
+    fault: str, stop_on: int, fresh: int, protected: tuple[fh.Controller, Path], tmp_path: Path
+) -> None:
+    """Sample by sample as of `Controller.may_act`: without a fault, noticed, slowed down, and without power;
+    of a reading that is said to be an old one too. With no reason to stop, the drives keep their power."""
+    controller, file = protected
+    assert controller.protection is not None
+    kept = controller.protection.stop_on if stop_on else ()
+    expected = controller.fresh(protection=replace(controller.protection, stop_on=kept))
+    one, arm, u = Fmu(file, tmp_path, begun=False), Arm(), float(controller.input_before()[0])
+    one.model.setInteger([one.at["stop_on"]], [stop_on])
+    one.run()
+    for k in range(AT + 200):
+        y, command, old = arm.run(u), POSE + 0.1 * (k > AT - 50), fresh if k >= AT else 0
+        if k >= AT and fault in FAULTS:
+            y = FAULTS[fault](arm, y, k)
+        one.set(measured__link_position=y[0], measured__motor_position=y[1], command__link_position=command)
+        one.model.setInteger([one.at["fresh.motor_position"]], [old])
+        one.step(k)
+        expected.step(y, [command], fresh=[0, old])
+        power = expected.may_act()
+        assert one.model.getBoolean([one.at["power"]]) == [power], k
+        assert one.model.getInteger([one.at["stop"]]) == [int(expected.stop)], k
+        u = one.get("u.motor_voltage")[0]
+        assert u == pytest.approx(expected.output[0], rel=1e-6, abs=1e-6), k
+    assert bool(expected.stop) == bool(stop_on)
+    assert (u == 0.0) == (not power)
     one.end()
 
 

@@ -21,6 +21,7 @@ from flexhinf.export.refusals import check_limits
 from flexhinf.export.rendering import names_in
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
+from flexhinf.loop.controller.stop import Stop
 from flexhinf.plant import Plant, sub_steps
 from flexhinf.validation import real_array, value_text
 
@@ -36,8 +37,9 @@ def export_fmu(
 
     One communication step is one sample, or several with the inputs held: measurements and commands are read at its
     beginning, and ``u`` after it acts the controller's latency later: with one sample, at the
-    step's end. Limits of the input are parameters, and so is where the estimate begins, ``start.…``: where the robot is
-    then.
+    step's end. It is what `Controller.may_act` lets act: ``stop`` says why the robot stops, ``power`` whether drives
+    may have power. Limits of the input are parameters, and so are what stops the robot, the category of that stop, and
+    where the estimate begins, ``start.…``: where the robot is then.
 
     Parameters
     ----------
@@ -78,6 +80,7 @@ def export_fmu(
     y, r, u, x = (signals[kind] for kind in "YRUX")
     starts = [f"start.{name}" for name in (() if belief is None else x)]
     first = np.zeros(len(x)) if belief is None else belief
+    fresh = y if c.mode.checks_measurements else ()
     rows = (
         _VariablesOfKind("measured", "input", y, measured),
         _VariablesOfKind("command", "input", r, c.operating_reference),
@@ -107,6 +110,30 @@ def export_fmu(
             kind="Integer",
             about="samples without a measurement until the output is held",
         ),
+        FmuVariable(
+            "stop_on",
+            "parameter",
+            code.whole_numbers[1],
+            kind="Integer",
+            about="bits of what stops the robot, as of stop; 0: nothing",
+        ),
+        FmuVariable(
+            "category",
+            "parameter",
+            code.whole_numbers[2],
+            kind="Integer",
+            about="of that stop by IEC 60204-1: 0, power off at once; 1, controlled stop, then off; 2, then held",
+        ),
+        *(
+            FmuVariable(
+                f"fresh.{name}",
+                "input",
+                0,
+                kind="Integer",
+                about="1: measured since the step before; -1: not since then, it counts as missing; 0: not known",
+            )
+            for name in fresh
+        ),
         FmuVariable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
         FmuVariable(
             "status",
@@ -114,18 +141,27 @@ def export_fmu(
             0,
             kind="Integer",
             about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate, following error, "
-            "blocked",
+            "blocked, and the signs of a stop",
+        ),
+        FmuVariable(
+            "stop",
+            "output",
+            0,
+            kind="Integer",
+            about=f"why the robot stops, bits: {', '.join(str(stop.name).lower() for stop in Stop)}",
         ),
         *(
             FmuVariable(name, "output", 0, kind="Integer", about=about)
             for name, about in _counts(code).items()
         ),
         FmuVariable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
+        FmuVariable("power", "output", 1, kind="Boolean", about="whether the drives may have power"),
     ]
     values = dict(
         code.values,
         start=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
         starts=len(starts),
+        fresh=len(fresh),
         doubtful=int(code.doubt is not None),
         rejected=0 if code.rejected is None else len(y),
     )

@@ -16,6 +16,8 @@ from flexhinf.export.follow import REASONS, TEXTS, follower_of
 from flexhinf.export.ros2_description import Commanded, Measured, description_values, initial_values
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
+from flexhinf.loop.controller.protection import STOPS
+from flexhinf.loop.controller.stop import Stop
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import coupling_of, joint_places
 from flexhinf.robot.parameters import per_joint
@@ -70,8 +72,25 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, object]:
         "texts": [(code.name, text) for code, text in TEXTS.items()],
         "reasons": [(reason.name, text) for reason, text in REASONS.items()],
         "health": _health(code),
+        **_stop_values(code),
         "references": _references(code),
         **_start_values(code, _StandstillModel.of(code), home),
+    }
+
+
+def _stop_values(code: ControllerCode) -> dict[str, object]:
+    """What stops the robot by default, and what else of that an export can be told."""
+    _, bits, category = code.whole_numbers
+    names = {stop: str(stop.name).lower() for stop in Stop}
+    return {
+        "stop_reasons": [
+            (code.upper(f"STOP_{stop.name}"), name, STOPS[name]) for stop, name in names.items()
+        ],
+        "stop_names": [*names.values()],
+        "stop_on": [name for stop, name in names.items() if stop & bits] or [""],
+        "category": category,
+        "protected": code.controller.protection is not None,
+        "stamped": code.controller.mode.checks_measurements,
     }
 
 
@@ -94,10 +113,13 @@ def _references(code: ControllerCode) -> list[str]:
 def _health(code: ControllerCode) -> list[dict[str, str]]:
     """Names of the published numbers, and in C++ the values of those behind `HEALTH`."""
     bits = {int(bit): code.upper(str(bit.name)) for bit in Status}
+    stops = {int(stop): code.upper(f"STOP_{stop.name}") for stop in Stop}
 
     def value(kind: str, place: int) -> str:
         if kind == "status_bit":
             return f"static_cast<double>((output_.status & {bits[place]}) != 0)"
+        if kind == "stop_bit":
+            return f"static_cast<double>((output_.stop & {stops[place]}) != 0)"
         if kind == "doubtful":
             return "static_cast<double>(output_.doubtful)"
         return "" if kind in HEALTH else f"static_cast<double>(output_.{kind}[{place}])"

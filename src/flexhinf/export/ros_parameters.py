@@ -16,7 +16,7 @@ ANY = 1e9
 #: Longest stop time, s.
 LONGEST_STOP = 1e6
 
-#: Longest ramp of the inputs after a fault, s: as in the plugin.
+#: Longest ramp of the inputs after a fault, s.
 LONGEST_RAMP = 10.0
 
 

@@ -11,10 +11,12 @@ from flexhinf.codegen.naming import distinct
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.trajectory_server import TrajectoryServer
 from flexhinf.loop import Status
+from flexhinf.loop.controller.stop import Stop
 
-#: Numbers of the published health before the bits of the status.
+#: Numbers of the published health before the bits of the status and the reasons of a stop.
 HEALTH = (
     "code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands", "contested",
+    "stop",
 )  # fmt: skip
 
 #: Groups along a trajectory, with the attributes of `ArmMotion` that they are made of.
@@ -27,9 +29,11 @@ def identifiers(signals: Sequence[str]) -> list[str]:
 
 
 def health_names(code: ControllerCode) -> list[tuple[str, str, int]]:
-    """Name, kind and place of each number of the health: of `HEALTH`, bits of the status, and counts."""
+    """Name, kind and place of each number of the health: of `HEALTH`, bits of the status, reasons of a stop, and
+    counts."""
     rows = [(name, name, 0) for name in HEALTH]
     rows += [(str(bit.name).lower(), "status_bit", int(bit)) for bit in Status]
+    rows += [(f"stop.{str(stop.name).lower()}", "stop_bit", int(stop)) for stop in Stop]
     measured = list(enumerate(identifiers(code.signals["Y"])))
     rows += [(f"unseen.{name}", "unseen", k) for k, name in measured]
     rows += [("doubtful", "doubtful", 0)] if code.doubt is not None else []
@@ -61,12 +65,14 @@ def state_values(server: TrajectoryServer) -> list[np.ndarray]:
         "stopped": [int(bool(server.stopped))],
         "refused_commands": [0],  # rows are taken by the plugin alone
         "contested": [int(server.contested)],
+        "stop": [int(stepped.stop)],
         "unseen": server.unseen,
         "doubtful": [stepped.doubtful_samples],
         "rejected": stepped.rejected,
     }
+    bits = {"status_bit": int(stepped.status), "stop_bit": int(stepped.stop)}
     health = [
-        float(bool(int(stepped.status) & place)) if kind == "status_bit" else of_health[kind][place]
+        float(bool(bits[kind] & place)) if kind in bits else of_health[kind][place]
         for _, kind, place in health_names(code)
     ]
     signals = [server.input, server.measurement, np.asarray(stepped.estimate, dtype=float)]

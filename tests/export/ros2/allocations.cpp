@@ -1,5 +1,5 @@
-// Counts what is allocated while a controller manager updates a controller: at every sample, with and without messages,
-// to the end after a sensor has fallen silent. Prints updates, those that published, and allocations.
+// Counts what is allocated while a controller manager updates a controller: while it looks whether the robot rests, at
+// every sample, with and without messages, to the end after a sensor has fallen silent. Prints updates, those that published, and allocations.
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -46,8 +46,8 @@ int main(int count, char **)
   }
   const double path[] = {0.1, 0.2, 0.3};
   int ended = 0;
-  for (int sample = 0; sample < 60; ++sample) {
-    if (sample == 5 || sample == 20) {
+  for (int sample = 0; sample < 111; ++sample) {
+    if (sample == 56 || sample == 71) {
       if (count > 1) {  // a goal of two joints, which replaces the one before
         trajectory(manager, std::nan(""), 0.0);
         joint(manager, "elbow");
@@ -60,7 +60,7 @@ int main(int count, char **)
         send(manager, path, 3);
       }
     }
-    if (sample > 40) {
+    if (sample > 91) {
       values(manager, 0)[0] = std::nan("");
     }
     counts = true;

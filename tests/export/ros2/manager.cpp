@@ -79,6 +79,11 @@ void set_truth(Manager * manager, const char * name, bool value)
   manager->controller->get_node()->state(name, value);
 }
 
+void set_texts(Manager * manager, const char * name, const char * const * values, int count)
+{
+  manager->controller->get_node()->state(name, std::vector<std::string>(values, values + count));
+}
+
 int init(Manager * manager) { return done(manager->controller->on_init()); }
 
 int configure(Manager * manager, unsigned int rate)

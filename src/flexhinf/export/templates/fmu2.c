@@ -97,7 +97,7 @@ SETTER(Real, 0U, within(place, MODEL_SETTABLE), one->model.real[place] = value[i
 GETTER(Integer, 0U, within(place, MODEL_INTEGERS), one->model.integer[place])
 SETTER(Integer, 0U, within(place, MODEL_SETTABLE_INTEGERS), one->model.integer[place] = value[i])
 GETTER(Boolean, 0U, within(place, MODEL_BOOLEANS), one->model.boolean[place])
-SETTER(Boolean, 0U, within(place, MODEL_BOOLEANS), one->model.boolean[place] = value[i] != 0)
+SETTER(Boolean, 0U, within(place, MODEL_SETTABLE_BOOLEANS), one->model.boolean[place] = value[i] != 0)
 
 EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2String value[])
 {

@@ -130,7 +130,7 @@ SETTER(Float64, 0U, within(place, MODEL_SETTABLE), one->model.real[place] = valu
 GETTER(Int32, FIRST_INTEGER, within(place, MODEL_INTEGERS), one->model.integer[place])
 SETTER(Int32, FIRST_INTEGER, within(place, MODEL_SETTABLE_INTEGERS), one->model.integer[place] = value[i])
 GETTER(Boolean, FIRST_BOOLEAN, within(place, MODEL_BOOLEANS), one->model.boolean[place] != 0)
-SETTER(Boolean, FIRST_BOOLEAN, within(place, MODEL_BOOLEANS), one->model.boolean[place] = value[i])
+SETTER(Boolean, FIRST_BOOLEAN, within(place, MODEL_SETTABLE_BOOLEANS), one->model.boolean[place] = value[i])
 
 /* There are no variables of the other types. */
 #define NO_VARIABLES(type)                                                                                            \

@@ -22,14 +22,20 @@ enum {
     PATH_RATE = FIRST_X + @{NAME}_STATES,
     MODEL_REALS = PATH_RATE + 1,
     MISSING_LIMIT = 0,
-    MODEL_SETTABLE_INTEGERS = 1,
-    CODE = 1,
-    STATUS = 2,
-    FIRST_COUNT = 3, /* samples in doubt and rejected measurements, as far as the controller counts them */
+    STOP_ON = 1,
+    CATEGORY = 2,
+    FIRST_FRESH = 3,
+    MODEL_SETTABLE_INTEGERS = FIRST_FRESH + @{fresh},
+    CODE = MODEL_SETTABLE_INTEGERS,
+    STATUS = CODE + 1,
+    STOP = STATUS + 1,
+    FIRST_COUNT = STOP + 1, /* samples in doubt and rejected measurements, as far as the controller counts them */
     COUNTS = @{doubtful + rejected},
     MODEL_INTEGERS = FIRST_COUNT + COUNTS,
     MEASURED = 0,
-    MODEL_BOOLEANS = 1
+    MODEL_SETTABLE_BOOLEANS = 1,
+    POWER = MODEL_SETTABLE_BOOLEANS,
+    MODEL_BOOLEANS = POWER + 1
 };
 
 typedef struct {
@@ -52,12 +58,15 @@ static void model_reset(model_instance *model)
         model->real[i] = start[i];
     }
     model->param = @{name}_defaults;
-    model->integer[MISSING_LIMIT] = model->param.missing_limit;
-    model->integer[CODE] = @{NAME}_OK;
-    for (int i = STATUS; i < MODEL_INTEGERS; ++i) {
+    for (int i = 0; i < MODEL_INTEGERS; ++i) {
         model->integer[i] = 0;
     }
+    model->integer[MISSING_LIMIT] = model->param.missing_limit;
+    model->integer[STOP_ON] = model->param.stop_on;
+    model->integer[CATEGORY] = model->param.category;
+    model->integer[CODE] = @{NAME}_OK;
     model->boolean[MEASURED] = 1;
+    model->boolean[POWER] = 1;
     @{name}_init(&model->state);
 }
 
@@ -65,6 +74,8 @@ static void model_begin(model_instance *model)
 {
     int elsewhere = 0;
     model->param.missing_limit = model->integer[MISSING_LIMIT];
+    model->param.stop_on = model->integer[STOP_ON];
+    model->param.category = model->integer[CATEGORY];
     for (int i = 0; i < @{NAME}_INPUTS; ++i) {
         model->param.value[@{NAME}_P_LOWER + i] = model->real[FIRST_LOWER + i];
         model->param.value[@{NAME}_P_UPPER + i] = model->real[FIRST_UPPER + i];
@@ -97,7 +108,14 @@ static int model_step(model_instance *model)
         input.r[i] = model->real[FIRST_R + i];
     }
     input.measured = model->boolean[MEASURED];
+{% if fresh %}
+    for (int i = 0; i < @{fresh}; ++i) {
+        input.fresh[i] = model->integer[FIRST_FRESH + i];
+    }
+{% endif %}
     model->integer[CODE] = @{name}_step(&model->state, &model->param, &input, &output);
+    model->boolean[POWER] = @{name}_may_act(&model->state, &model->param, model->integer[CODE], &output); /* output.u is what acts */
+    model->integer[STOP] = output.stop;
     model->integer[STATUS] = output.status;
 {% if doubtful %}
     model->integer[FIRST_COUNT] = output.doubtful;

@@ -31,6 +31,28 @@ const std::array<const char *, @{NAME}_MEASUREMENTS> MEASURED = {@{measurements 
 const std::array<const char *, @{NAME}_INPUTS> INPUTS = {@{inputs | map(attribute="name") | quoted}};
 const std::array<const char *, @{NAME}_STATES> STATES = {@{states | quoted}};
 
+// What stops the robot, and what speaks against a start: bits, names and texts.
+struct Reason
+{
+  int bit;
+  const char * name;
+  const char * text;
+};
+const std::array<Reason, @{stop_reasons | length}> STOPS = {{
+{% for constant, name, text in stop_reasons %}
+  {@{constant}, @{name | quoted}, @{text | quoted}},
+{% endfor %}
+}};
+const std::array<Reason, 5> STARTS = {{
+  {@{NAME}_START_MISSING, "missing", "a reading is not there"},
+  {@{NAME}_START_MOVES, "moves", "the robot moves"},
+  {@{NAME}_START_OUT_OF_RANGE, "out_of_range",
+    "a joint is beyond its range, or its encoder has another zero, factor or sign"},
+  {@{NAME}_START_TWISTED, "twisted",
+    "motor and link are further apart than weight and friction twist the spring: look at zeros, factors and signs"},
+  {@{NAME}_START_NOT_CHECKED, "not_checked", "no second reading tells whether encoders are true: home the arm before"},
+}};
+
 // Default interfaces; the parameters state others.
 const std::array<const char *, @{NAME}_MEASUREMENTS> STATE_INTERFACES = {@{measurements | map(attribute="interface") | quoted}};
 const std::array<const char *, @{NAME}_INPUTS> COMMAND_INTERFACES = {@{inputs | map(attribute="interface") | quoted}};
@@ -125,15 +147,28 @@ bool is_position(const std::string & interface)
 }
 
 template <class Interfaces>
-bool find(const Interfaces & interfaces, Signal & signal)
+bool find(const Interfaces & interfaces, const std::string & name, std::size_t & place)
 {
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
-    if (interfaces[i].get_name() == signal.interface) {
-      signal.place = i;
+    if (interfaces[i].get_name() == name) {
+      place = i;
       return true;
     }
   }
   return false;
+}
+
+// Names of the bits that are set, with their texts.
+template <class Reasons>
+std::string said(const Reasons & reasons, int bits)
+{
+  std::string found;
+  for (const Reason & reason : reasons) {
+    if ((bits & reason.bit) != 0) {
+      found += std::string(found.empty() ? "" : "; ") + reason.name + " (" + reason.text + ")";
+    }
+  }
+  return found;
 }
 
 template <class Signals>
@@ -273,8 +308,17 @@ CallbackReturn Controller::on_init()
   try {
     auto_declare<double>("period", PERIOD);
     auto_declare<std::int64_t>("publish_every", 10);
+    std::vector<std::string> reasons;
+    for (const Reason & reason : STOPS) {
+      if ((@{name}_defaults.stop_on & reason.bit) != 0) {
+        reasons.push_back(reason.name);
+      }
+    }
+    auto_declare<std::vector<std::string>>("stop_on", reasons);
+    auto_declare<std::int64_t>("category", @{name}_defaults.category);
+{% if protected %}
     auto_declare<std::int64_t>("longest_unseen", @{longest_unseen});
-    auto_declare<double>("stop_ramp", 0.0);
+{% endif %}
 {% if follows %}
     auto_declare<bool>("allow_partial_joints_goal", false);
     auto_declare<double>("cmd_timeout", 0.0);
@@ -293,6 +337,9 @@ CallbackReturn Controller::on_init()
       const std::string name = std::string("measurements.") + MEASURED[i];
       auto_declare<std::string>(name + ".interface", STATE_INTERFACES[i]);
       auto_declare<double>(name + ".factor", 1.0);
+{% if stamped %}
+      auto_declare<std::string>(name + ".stamp", "");
+{% endif %}
     }
     for (std::size_t i = 0; i < inputs_.size(); ++i) {
       const std::string name = std::string("inputs.") + INPUTS[i];
@@ -315,15 +362,64 @@ controller_interface::InterfaceConfiguration Controller::command_interface_confi
 
 controller_interface::InterfaceConfiguration Controller::state_interface_configuration() const
 {
-{% if follows %}
+{% if stamped or follows %}
   auto wanted = individual(measurements_);
+{% if stamped %}
+  for (const Signal & signal : measurements_) {  // several may have one stamp
+    const bool known = std::find(wanted.names.begin(), wanted.names.end(), signal.stamp) != wanted.names.end();
+    if (!signal.stamp.empty() && !known) {
+      wanted.names.push_back(signal.stamp);
+    }
+  }
+{% endif %}
+{% if follows %}
   if (!speed_.interface.empty()) {
     wanted.names.push_back(speed_.interface);
   }
+{% endif %}
   return wanted;
 {% else %}
   return individual(measurements_);
 {% endif %}
+}
+
+// What stops the robot, and how: parameters that differ from the design's on purpose.
+bool Controller::read_stop()
+{
+  const auto node = get_node();
+  const auto logger = node->get_logger();
+  const std::int64_t category = node->get_parameter("category").as_int();
+  param_.stop_on = 0;
+  for (const std::string & name : node->get_parameter("stop_on").as_string_array()) {
+    const auto found = std::find_if(
+      STOPS.begin(), STOPS.end(), [&name](const Reason & reason) {return name == reason.name;});
+    if (found != STOPS.end()) {
+      param_.stop_on |= found->bit;
+    } else if (!name.empty()) {  // a file of parameters cannot have an empty list, but [""]
+      RCLCPP_ERROR(
+        logger, "There is no such reason for a stop: expected names of %s, got \"%s\". Try stop_on: [runaway, "
+        "sensor_lost], or [\"\"] for none", "@{stop_names | join(", ")}", name.c_str());
+      return false;
+    }
+  }
+  if (category < 0 || category > 2) {
+    RCLCPP_ERROR(
+      logger, "There is no such category of a stop: expected 0, 1 or 2 of IEC 60204-1, got %ld. Try category: %d",
+      static_cast<long>(category), @{name}_defaults.category);
+    return false;
+  }
+  param_.category = static_cast<int>(category);
+{% if protected %}
+  const std::int64_t unseen = node->get_parameter("longest_unseen").as_int();
+  if (unseen < 1 || unseen > 32766) {
+    RCLCPP_ERROR(
+      logger, "A sensor cannot be silent for so long: expected longest_unseen from 1 to 32766 samples, got %ld. Try "
+      "longest_unseen: @{longest_unseen}", static_cast<long>(unseen));
+    return false;
+  }
+  param_.value[@{NAME}_P_LONGEST_UNSEEN] = static_cast<@{name}_real>(unseen);
+{% endif %}
+  return true;
 }
 
 bool Controller::read_parameters()
@@ -334,8 +430,6 @@ bool Controller::read_parameters()
   const double period = number("period");
   const unsigned int rate = get_update_rate();  // Hz; 0: that of the controller manager, which update() looks at
   publish_every_ = node->get_parameter("publish_every").as_int();
-  longest_unseen_ = node->get_parameter("longest_unseen").as_int();
-  stop_ramp_ = number("stop_ramp");
   if (!(std::fabs(period / PERIOD - 1.0) <= 1e-6)) {
     RCLCPP_ERROR(logger, "expected a period of %g s, for which @{name} is made, got %g", PERIOD, period);
     return false;
@@ -346,14 +440,6 @@ bool Controller::read_parameters()
   }
   if (publish_every_ < 1) {
     RCLCPP_ERROR(logger, "expected publish_every from 1 on, got %ld", static_cast<long>(publish_every_));
-    return false;
-  }
-  if (longest_unseen_ < 1 || longest_unseen_ > 32766) {
-    RCLCPP_ERROR(logger, "expected longest_unseen from 1 to 32766, got %ld", static_cast<long>(longest_unseen_));
-    return false;
-  }
-  if (!(stop_ramp_ >= 0.0 && stop_ramp_ <= 10.0)) {
-    RCLCPP_ERROR(logger, "expected stop_ramp from 0 to 10 s, got %g", stop_ramp_);
     return false;
   }
   std::vector<std::string> taken;
@@ -377,9 +463,19 @@ bool Controller::read_parameters()
   };
   param_ = @{name}_defaults;
   for (std::size_t i = 0; i < measurements_.size(); ++i) {
-    if (!read(std::string("measurements.") + MEASURED[i], measurements_[i])) {
+    const std::string name = std::string("measurements.") + MEASURED[i];
+    if (!read(name, measurements_[i])) {
       return false;
     }
+{% if stamped %}
+    measurements_[i].stamp = node->get_parameter(name + ".stamp").as_string();
+    if (!measurements_[i].stamp.empty() && measurements_[i].stamp.find('/') == std::string::npos) {
+      RCLCPP_ERROR(
+        logger, "The stamp of %s is no interface: expected a state interface that counts or dates its readings, got "
+        "\"%s\". Try %s.stamp: joint/stamp, or \"\" for none", MEASURED[i], measurements_[i].stamp.c_str(), name.c_str());
+      return false;
+    }
+{% endif %}
   }
   for (std::size_t i = 0; i < inputs_.size(); ++i) {
     const std::string name = std::string("inputs.") + INPUTS[i];
@@ -398,7 +494,7 @@ bool Controller::read_parameters()
     RCLCPP_ERROR(logger, "expected finite limits of the inputs within those of the design, the defaults");
     return false;
   }
-  return true;
+  return read_stop();
 }
 
 CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State &)
@@ -443,19 +539,26 @@ bool Controller::find_places()
 {
   const auto logger = get_node()->get_logger();
   for (Signal & signal : measurements_) {
-    if (!find(state_interfaces_, signal)) {
+    if (!find(state_interfaces_, signal.interface, signal.place)) {
       RCLCPP_ERROR(logger, "the state interface %s is missing", signal.interface.c_str());
       return false;
     }
+{% if stamped %}
+    if (!signal.stamp.empty() && !find(state_interfaces_, signal.stamp, signal.stamp_place)) {
+      RCLCPP_ERROR(logger, "the state interface %s is missing", signal.stamp.c_str());
+      return false;
+    }
+    signal.stamped = std::numeric_limits<double>::quiet_NaN();
+{% endif %}
   }
 {% if follows %}
-  if (!speed_.interface.empty() && !find(state_interfaces_, speed_)) {
+  if (!speed_.interface.empty() && !find(state_interfaces_, speed_.interface, speed_.place)) {
     RCLCPP_ERROR(logger, "the state interface %s is missing", speed_.interface.c_str());
     return false;
   }
 {% endif %}
   for (Signal & input : inputs_) {
-    if (!find(command_interfaces_, input)) {
+    if (!find(command_interfaces_, input.interface, input.place)) {
       RCLCPP_ERROR(logger, "the command interface %s is missing", input.interface.c_str());
       return false;
     }
@@ -471,13 +574,21 @@ bool Controller::find_places()
 void Controller::read_measurements()
 {
   for (std::size_t i = 0; i < measurements_.size(); ++i) {
-    const Signal & signal = measurements_[i];
+    @{"const " if not stamped}Signal & signal = measurements_[i];
     input_.y[i] = static_cast<@{name}_real>(signal.factor * value_of(state_interfaces_[signal.place]));
+{% if stamped %}
+    if (!signal.stamp.empty()) {
+      const double stamp = value_of(state_interfaces_[signal.stamp_place]);
+      const bool is_new = std::isfinite(stamp) && !(stamp >= signal.stamped && stamp <= signal.stamped);
+      input_.fresh[i] = is_new ? 1 : -1;
+      signal.stamped = is_new ? stamp : signal.stamped;
+    }
+{% endif %}
   }
   input_.measured = 1;
 }
 
-// At rest at the measured pose; false where that is not measured, or the code is refused.
+// At rest at the measured pose, whose readings are all there; false where the code is refused.
 bool Controller::start_where_the_robot_is()
 {
 {% if from_pose %}
@@ -485,13 +596,8 @@ bool Controller::start_where_the_robot_is()
   std::array<@{name}_real, @{NAME}_STATES + @{NAME}_INPUTS> rest{};
   std::array<bool, JOINTS> by_motor{};
   for (std::size_t i = 0; i < JOINTS; ++i) {
-    const int link = LINK_MEASURED[i], motor = MOTOR_MEASURED[i];
-    by_motor[i] = link < 0 || !std::isfinite(input_.y[link]);
-    const int place = by_motor[i] ? motor : link;
-    if (place < 0 || !std::isfinite(input_.y[place])) {
-      return false;
-    }
-    q[i] = input_.y[place];
+    by_motor[i] = LINK_MEASURED[i] < 0;
+    q[i] = input_.y[by_motor[i] ? MOTOR_MEASURED[i] : LINK_MEASURED[i]];
   }
   // The weight twists the spring between a motor and its link: the link's angle is found in some passes.
   const int passes = std::find(by_motor.begin(), by_motor.end(), true) == by_motor.end() ? 1 : 50;
@@ -542,20 +648,29 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
   if (!find_places()) {
     return CallbackReturn::ERROR;
   }
+  const auto logger = get_node()->get_logger();
+  int why = 0;
   input_ = {};
   read_measurements();
-  if (!start_where_the_robot_is()) {
-    RCLCPP_ERROR(
-      get_node()->get_logger(), "@{name} cannot start: a position is not measured, or it is compiled with flags that "
-      "change results");
+  if (@{name}_init(&state_) != @{NAME}_OK) {
+    RCLCPP_ERROR(logger, "@{name} cannot start: it is compiled with flags that change results");
     return CallbackReturn::ERROR;
   }
+  if (@{name}_at_rest(&state_, &param_, &input_, &why) != @{NAME}_WAITING || why != 0) {
+    RCLCPP_ERROR(logger, "@{name} does not start: %s", said(STARTS, why).c_str());
+    return CallbackReturn::ERROR;
+  }
+  if (!start_where_the_robot_is()) {
+    RCLCPP_ERROR(logger, "@{name} cannot start: nothing holds the robot where it is");
+    return CallbackReturn::ERROR;
+  }
+  is_looking_ = true;
   input_.measured = 0;  // the output is then the input before the first sample
   code_ = @{name}_step(&state_, &param_, &input_, &output_);
+  output_.stop = 0;
   playing_ = received_.load();  // older commands are over
   path_ = nullptr;
   samples_ = late_ = missed_writes_ = refused_commands_ = 0;
-  elapsed_ = 0.0;
   is_stopped_ = false;
 {% if references %}
   forget_references();
@@ -572,13 +687,12 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
 
 CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State &)
 {
-  if (!is_stopped_) {
-    hold_positions();
-  }
 {% if follows %}
   trajectories_.deactivate("the controller was deactivated");
 {% endif %}
-  write_stop(0.0);  // whatever the ramp: the manager calls update no more, and nothing writes from here on
+  if (!is_stopped_) {
+    let_go();
+  }
   tell();
   return CallbackReturn::SUCCESS;
 }
@@ -739,53 +853,26 @@ void Controller::remember()
   }
 }
 
-// Whether the manager calls at another rate than that of the design in the mean of 500 samples, by little; the step finds
-// one that is off by more.
-bool Controller::wrong_rate(double seconds)
+// How long ago the last sample was, which the step asks for.
+void Controller::count(double seconds)
 {
-  const double periods = seconds / PERIOD;
   if (samples_ > 0) {  // the first duration may begin before the activation
-    late_ += (periods > 1.5) ? 1 : 0;
-    elapsed_ += periods;
+    late_ += (seconds > 1.5 * PERIOD) ? 1 : 0;
     input_.elapsed = static_cast<@{name}_real>(seconds);
   }
-  const bool later = samples_ == 500 && std::fabs(elapsed_ / 500.0 - 1.0) > 0.05;
   samples_ += 1;
-  return later;
 }
 
 controller_interface::return_type Controller::update@{"_and_write_commands" if references}(
   const rclcpp::Time & time, const rclcpp::Duration & period)
 {
   if (is_stopped_) {
-    return stop(time, period.seconds());
+    return stay_off(time);
   }
-  if (wrong_rate(period.seconds())) {
-    return end("it is called at another period than it is made for", time);
-  }
+  count(period.seconds());
   read_measurements();
-  follow(time);
-  if (@{NAME}_LATENCY > 0) {  // the input of the sample before acts from here on; further samples are the drive's
-    drive();
-  }
-  code_ = @{name}_step(&state_, &param_, &input_, &output_);
-{% if references %}
-  tell_path_rate(static_cast<double>(output_.path_rate));
-{% endif %}
-  if (code_ == @{NAME}_BAD_PERIOD) {
-    return end("it is called at another period than it is made for", time);
-  }
-  if (code_ == @{NAME}_STOPPED || code_ == @{NAME}_WENT_BACK || code_ == @{NAME}_BAD_ARITHMETIC ||
-    code_ == @{NAME}_NOT_INITIALISED) {
-    return end("see README.md for what the step returned", time);
-  }
-  const bool silent = code_ != @{NAME}_WAITING && std::any_of(
-    std::begin(output_.unseen), std::end(output_.unseen), [this](int samples) {return samples > longest_unseen_;});
-  if (silent) {
-    return end("a sensor is silent for too long", time);
-  }
-  if (@{NAME}_LATENCY == 0) {
-    drive();
+  if (!(is_looking_ ? look() : sample(time))) {
+    return end(time);
   }
   if (samples_ % publish_every_ == 0) {
     publish(time);
@@ -793,57 +880,110 @@ controller_interface::return_type Controller::update@{"_and_write_commands" if r
   return controller_interface::return_type::OK;
 }
 
+// Before the first sample: whether the robot rests, with the inputs that hold it there; false where it does not. Samples
+// begin with the next one.
+bool Controller::look()
+{
+  int why = 0;
+  is_looking_ = @{name}_at_rest(&state_, &param_, &input_, &why) == @{NAME}_WAITING;
+  if (why != 0) {
+    start_.store(why);  // told by another thread: a logger allocates and waits
+  }
+  const bool rests = (why & ~@{NAME}_START_NOT_CHECKED) == 0;
+  if (rests) {
+    drive();
+  } else {
+    output_.stop = @{NAME}_STOP_BAD_START;
+  }
+  return rests;
+}
+
+// Whether the drives keep their power; during a controlled stop the inputs are not the controller's.
+bool Controller::sample(const rclcpp::Time & time)
+{
+  const int before = output_.stop;
+  if (before == 0) {
+    follow(time);
+  }
+  if (@{NAME}_LATENCY > 0) {  // the input of the sample before acts from here on; further samples are the drive's
+    drive();
+  }
+  code_ = @{name}_step(&state_, &param_, &input_, &output_);
+{% if references %}
+  tell_path_rate(static_cast<double>(output_.path_rate));
+{% endif %}
+  const bool acts = @{name}_may_act(&state_, &param_, code_, &output_) != 0;
+  if (output_.stop != before) {
+{% if follows %}
+    trajectories_.deactivate("the controller has stopped");
+{% endif %}
+    stop_code_.store(code_);
+    stop_.store(output_.stop);
+  }
+  if (acts && @{NAME}_LATENCY == 0) {
+    drive();
+  }
+  return acts;
+}
+
 // Stop ---------------------------------------------------------------------------------------------------------
 // Nothing is computed any more, until the next activation, which begins where the robot then stands.
-controller_interface::return_type Controller::end(const char * reason, const rclcpp::Time & time)
+controller_interface::return_type Controller::end(const rclcpp::Time & time)
 {
 {% if follows %}
   trajectories_.deactivate("the controller has stopped");
 {% endif %}
   is_stopped_ = true;
   is_end_published_ = false;
-  stopped_for_ = 0.0;
-  hold_positions();
-  ended_with_.store(code_);
-  to_tell_.store(reason);  // told by another thread: a logger allocates and waits
-  return stop(time, 0.0);
+  is_let_go_.store(true);
+  let_go();
+  return stay_off(time);
 }
 
-// Inputs fall to 0 along the ramp; then, or without one at once, this is an error, at which newer managers deactivate.
-controller_interface::return_type Controller::stop(const rclcpp::Time & time, double seconds)
+// An error, at which newer managers deactivate.
+controller_interface::return_type Controller::stay_off(const rclcpp::Time & time)
 {
-  stopped_for_ += seconds;
-  const double left = (stop_ramp_ > 0.0) ? std::clamp(1.0 - stopped_for_ / stop_ramp_, 0.0, 1.0) : 0.0;
-  write_stop(left);
+  write_stop();
   is_end_published_ = is_end_published_ || publish(time);
-  return (left > 0.0) ? controller_interface::return_type::OK : controller_interface::return_type::ERROR;
+  return controller_interface::return_type::ERROR;
 }
 
-// A position that is commanded stays at the measured one; where there is none, at the last.
-void Controller::hold_positions()
+// Inputs are 0 from here on. A position that is commanded stays at the measured one; where there is none, at the last.
+void Controller::let_go()
 {
   for (std::size_t i = 0; i < inputs_.size(); ++i) {
-    if (inputs_[i].is_position && inputs_[i].measured != nullptr) {
-      const double place = value_of(state_interfaces_[inputs_[i].measured->place]);
-      last_[i] = std::isfinite(place) ? place : last_[i];
+    double place = std::numeric_limits<double>::quiet_NaN();
+    if (inputs_[i].measured != nullptr) {
+      place = value_of(state_interfaces_[inputs_[i].measured->place]);
     }
+    last_[i] = !inputs_[i].is_position ? 0.0 : std::isfinite(place) ? place : last_[i];
   }
+  write_stop();
 }
 
-void Controller::write_stop(double left)
+void Controller::write_stop()
 {
   for (std::size_t i = 0; i < inputs_.size(); ++i) {
-    const double value = inputs_[i].is_position ? last_[i] : left * last_[i];
-    missed_writes_ += write_to(command_interfaces_[inputs_[i].place], value) ? 0 : 1;
+    missed_writes_ += write_to(command_interfaces_[inputs_[i].place], last_[i]) ? 0 : 1;
   }
 }
 
 void Controller::tell()
 {
-  const char * reason = to_tell_.exchange(nullptr);
-  if (reason != nullptr) {
+  const auto logger = get_node()->get_logger();
+  const int start = start_.exchange(0), stop = stop_.exchange(0);
+  const bool is_over = is_let_go_.exchange(false);
+  if (start == @{NAME}_START_NOT_CHECKED) {
+    RCLCPP_WARN(logger, "@{name} starts: %s", said(STARTS, start).c_str());
+  } else if (start != 0) {
+    RCLCPP_ERROR(logger, "@{name} does not start: %s", said(STARTS, start).c_str());
+  }
+  if (stop != 0) {
     RCLCPP_ERROR(
-      get_node()->get_logger(), "@{name} has stopped (code %d): %s. Brake the robot", ended_with_.load(), reason);
+      logger, "@{name} stops (code %d): %s%s", stop_code_.load(), said(STOPS, stop).c_str(),
+      is_over ? ". Brake the robot" : "");
+  } else if (is_over && start == 0) {
+    RCLCPP_ERROR(logger, "@{name} has stopped. Brake the robot");
   }
 }
 
@@ -883,7 +1023,8 @@ bool Controller::publish(const rclcpp::Time & time)
     static_cast<double>(code_), static_cast<double>(output_.status), static_cast<double>(output_.path_rate),
     static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_),
     static_cast<double>(refused_commands_),
-    {% if follows %}static_cast<double>(trajectories_.is_contested()){% else %}0.0{% endif %}{% for number in health[8:] %},
+    {% if follows %}static_cast<double>(trajectories_.is_contested()){% else %}0.0{% endif %},
+    static_cast<double>(output_.stop){% for number in health[9:] %},
     @{number.value}{% endfor %}};
   report_.header.stamp = time;
   fill(0, health);

@@ -53,6 +53,11 @@ struct Signal
   std::size_t place = 0;              // among the loaned interfaces, once active
   bool is_position = false;           // of an input: it holds a place, so that 0 is no stop
   const Signal * measured = nullptr;  // of an input: what measures that place
+{% if stamped %}
+  std::string stamp;                  // of a measurement: the interface that counts or dates its readings, or none
+  std::size_t stamp_place = 0;
+  double stamped = 0.0;               // what that was when it last changed
+{% endif %}
 };
 
 /// Rows of a command, one for each period; the last one stays.
@@ -111,6 +116,7 @@ public:
 {% endif %}
 
 private:
+  bool read_stop();
   bool read_parameters();
   bool find_places();
   void read_measurements();
@@ -128,19 +134,20 @@ private:
   void drive();
   double value_of_input(std::size_t i) const;
   void remember();
-  bool wrong_rate(double seconds);
-  controller_interface::return_type end(const char * reason, const rclcpp::Time & time);
-  controller_interface::return_type stop(const rclcpp::Time & time, double seconds);
-  void hold_positions();
-  void write_stop(double left);
+  void count(double seconds);
+  bool look();
+  bool sample(const rclcpp::Time & time);
+  controller_interface::return_type end(const rclcpp::Time & time);
+  controller_interface::return_type stay_off(const rclcpp::Time & time);
+  void let_go();
+  void write_stop();
   void tell();
   void prepare_report();
   bool publish(const rclcpp::Time & time);
 
   std::array<Signal, @{NAME}_MEASUREMENTS> measurements_;
   std::array<Signal, @{NAME}_INPUTS> inputs_;
-  double stop_ramp_ = 0.0;
-  std::int64_t publish_every_ = 10, longest_unseen_ = @{longest_unseen}, samples_ = 0;
+  std::int64_t publish_every_ = 10, samples_ = 0;
 
   @{name}_param param_ = @{name}_defaults;
   @{name}_state state_{};
@@ -166,14 +173,12 @@ private:
 {% endif %}
   std::unique_ptr<realtime_tools::RealtimePublisher<Report>> publisher_;
   Report report_;
-  double elapsed_ = 0.0;
   std::int64_t late_ = 0, missed_writes_ = 0, refused_commands_ = 0;
 
-  std::array<double, @{NAME}_INPUTS> last_{};  // values of the command interfaces before a stop
-  bool is_stopped_ = false, is_end_published_ = false;
-  double stopped_for_ = 0.0;  // s
-  std::atomic<int> ended_with_{0};
-  std::atomic<const char *> to_tell_{nullptr};
+  std::array<double, @{NAME}_INPUTS> last_{};  // values of the command interfaces
+  bool is_looking_ = false, is_stopped_ = false, is_end_published_ = false;
+  std::atomic<int> start_{0}, stop_{0}, stop_code_{0};  // to tell: what was said of the start, and what stops it
+  std::atomic<bool> is_let_go_{false};
   rclcpp::TimerBase::SharedPtr timer_;
 };
 

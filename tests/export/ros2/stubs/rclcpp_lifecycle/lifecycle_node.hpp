@@ -13,7 +13,7 @@
 
 namespace rclcpp
 {
-using ParameterValue = std::variant<bool, std::int64_t, double, std::string>;
+using ParameterValue = std::variant<bool, std::int64_t, double, std::string, std::vector<std::string>>;
 
 class Parameter
 {
@@ -23,6 +23,7 @@ public:
   std::int64_t as_int() const { return get<std::int64_t>(); }
   double as_double() const { return get<double>(); }
   std::string as_string() const { return get<std::string>(); }
+  std::vector<std::string> as_string_array() const { return get<std::vector<std::string>>(); }
   template <class T>
   T get_value() const
   {
