@@ -56,7 +56,7 @@ from flexhinf.export.names import (
 from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.export.places import Places
 from flexhinf.export.rendering import names_in
-from flexhinf.export.stop_code import StopCode
+from flexhinf.export.stop_code import Coded, StopCode
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
@@ -403,7 +403,7 @@ class ControllerCode:
     @cached_property
     def stop(self) -> StopCode:
         """What decides whether the output may act."""
-        return StopCode(self)
+        return StopCode(cast("Coded", self))
 
     @property
     def flags(self) -> tuple[Status, ...]:
