@@ -280,7 +280,8 @@ HARMLESS: Mapping[str, Fault] = {
 
 #: Why some of these stop an arm nevertheless.
 TRIPS: Mapping[str, str] = {
-    "held and let go": "a link that is held at full speed throws the joint behind it off its path",
+    "held and let go": "a link held at full speed throws the joint behind it; a position drive that is held may swing "
+    "from one end of its torque to the other",
     "hiccup": "drives that go on pushing for a second throw the arm far from its path",
     "jitter": "at full speed, jitter of 25 % makes noise of which inputs swing over half of their range",
 }

@@ -525,6 +525,8 @@ class _Protected:
         m = len(c.law.input_names)
         small = np.asarray(c.watched["swings"][1][:m], dtype=float)
         span = c.limits.upper - c.limits.lower
+        if self.robot.drive in INNER:  # from one end of its torque to the other, where the drive stands
+            span = np.minimum(span, 2.0 * self.most[0] / np.maximum(np.abs(self.rates[0]), 1e-12))
         large = np.where(np.isfinite(span), LARGE * span, TIMES * small)
         return np.array([np.where(np.isfinite(small), small, large), np.maximum(large, TIMES * small)])
 
