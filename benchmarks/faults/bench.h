@@ -67,6 +67,7 @@ typedef struct {
     double end, moving;             /* at the end: distance from the command, largest speed lately */
     double off[MOST];               /* where links were when power went */
     double first[FIRSTS];
+    double rested;                  /* s behind the fault: the last sample in which something moved */
     int first_code, rest;           /* rest: samples, one after the other, in which nothing moved */
     int falls;                      /* 1: power went; 2: where no brake holds an arm that rested */
     int lost;                       /* 1: the arm went so far that nothing more was computed */

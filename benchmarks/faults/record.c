@@ -160,6 +160,7 @@ void record_sample(bench *b, int code)
     if (stops && !r->noticed) { notice(b, code); }
     r->lost = r->lost || !(distance < LOST);
     r->rest = fmax(largest(arm->v), largest(arm->w)) < STILL ? r->rest + 1 : 0;
+    if (b->on && r->rest == 0) { r->rested = b->t - b->asked.at; }
     stopped(b);
     r->moving = fmax(largest(arm->v), r->moving * exp(-ARM_PERIOD / FORGOTTEN));
     r->end = distance;
@@ -171,9 +172,10 @@ void record_print(const bench *b)
     printf("{\"seed\": %llu, \"noticed\": %d, \"early\": %d, \"when\": %.6g, \"code\": %d, \"status\": %d, \"stop\": %u, "
            "\"category\": %d, \"wrong\": %.4g, \"wrong_at_notice\": %.4g, \"hundred\": %.6g, \"furthest\": %.4g, "
            "\"fell\": %.4g, \"ideal\": %.4g, \"held\": %.4g, \"step\": %.3g, \"beyond\": %.4g, \"speed\": %.4g, \"end\": %.4g, \"moving\": %.3g, \"rest\": %d, "
+           "\"rested\": %.4g, "
            "\"power\": %d, \"path\": %.3g, \"contact\": %.4g, \"lost\": %d, \"moves\": %d, \"first_code\": %d, \"first\": [",
            b->asked.seed, r->noticed, r->early, r->when, r->code, r->status, r->stop, r->category, r->wrong,
-           r->wrong_at_notice, r->hundred, r->furthest, r->fell, r->ideal, r->held, r->step, r->beyond, r->speed, r->end, r->moving, r->rest,
+           r->wrong_at_notice, r->hundred, r->furthest, r->fell, r->ideal, r->held, r->step, r->beyond, r->speed, r->end, r->moving, r->rest, r->rested,
            b->acts, (double)b->output.path_rate, b->arm.contact, r->lost, r->moves, r->first_code);
     for (int i = 0; i < FIRSTS; ++i) { printf("%s%.5g", i > 0 ? ", " : "", r->first[i]); }
     printf("], \"at\": %.6g}\n", b->asked.at);

@@ -42,12 +42,14 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             own["category"] = sorted({*own.get("category", []), row["category"]})
             ratio = row["furthest"] / max(row["ideal"], 1e-3)
             wrong, way = row["wrong_at_notice"], row["furthest"]
+            braked = row["category"] == 0
             worst = {
                 "when": row["when"],
                 "wrong": wrong,
                 "furthest": way,
                 "ratio": ratio,
                 "fell": row["fell"],
+                **({"rested": row["rested"]} if braked else {}),
             }
             for key, value in worst.items():
                 own[key] = max(own.get(key, 0.0), float(f"{value:.4g}"))

@@ -112,7 +112,7 @@ STATUS = (
     "a tracked position is far from its command",
     "something blocks a joint that is far from its command, by more than the model explains; it lets go",
     "the frame of measurements is a repeated one, which counts as missing",
-    *(STOPS[name] for name in SIGNS),
+    *(STOPS[name].says for name in SIGNS),
 )
 NEVER = "always 0 here, not watched"
 
@@ -319,7 +319,8 @@ class ControllerCode:
             "look": f"{LOOK:g}",
             "checkable": self.is_checkable,
             "stops": [
-                (self.upper(f"STOP_{stop.name}"), stop.value, STOPS[str(stop.name).lower()]) for stop in Stop
+                (self.upper(f"STOP_{stop.name}"), stop.value, STOPS[str(stop.name).lower()].says)
+                for stop in Stop
             ],
             "columns": self.translator.room,
             "sixteen": Markup(SIXTEEN),

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.options import Listed
-from flexhinf.loop.controller.signs import SIGNS, Pair, Watch
+from flexhinf.loop.controller.signs import LASTING, LONGEST as SWINGS_WITHIN, SIGNS, SWINGS, Pair, Watch
 from flexhinf.plant import Estimator
 from flexhinf.validation import one_of, real_array, value_text
 
@@ -29,21 +29,69 @@ LOOK = 0.05
 #: How many times the longest way of its own a joint may go after a pause of the loop, beside that.
 FREE = 2.0
 
+#: Samples for which a sensor may be missing.
+LONGEST_UNSEEN = 10
+
 #: Time over which the speed of a reading is averaged at least, s.
 WINDOW = 0.01
 
-#: What may stop the robot, and what it says.
+
+class Reason(NamedTuple):
+    """What stops the robot: what it `says`, `when` it is said, and what to `look` at."""
+
+    says: str
+    when: str
+    look: str
+
+
+#: What may stop the robot, by name. Exported C, `stop_on` of ROS 2, safety.md and the docs have it from here.
 STOPS = {
-    "wrong_period": "the steps are called at another period",
-    "step_failed": "the step cannot go on",
-    "bad_start": "the robot does not rest where it can be started",
-    "sensor_lost": "a sensor was missing or refused for longer than it may be",
-    "inconsistent": "encoders, drive and spring of a joint contradict each other",
-    "runaway": "a joint moves away from its command",
-    "too_fast": "a joint is faster than its limit allows",
-    "opposed": "an input is at its limit against a motion that does not slow down",
-    "oscillating": "an input swings by most of its range again and again, or more and more",
-    "stuck": "the encoder of a motor stands though the motor cannot",
+    "wrong_period": Reason(
+        "the steps are called at another period",
+        "after 8 samples half a period too long, or two long pauses within a second",
+        "the clock, and what else runs on the processor",
+    ),
+    "step_failed": Reason("the step cannot go on", "at that sample", "the code of the step"),
+    "bad_start": Reason(
+        "the robot does not rest where it can be started",
+        "at the first sample, and in the 50 ms before a start",
+        "where the arm stands, the zeros of its encoders, and what moves it",
+    ),
+    "sensor_lost": Reason(
+        "a sensor was missing or refused for longer than it may be",
+        f"after {LONGEST_UNSEEN} samples, unless stated otherwise",
+        "cables, the bus, noise; an encoder that jumps or is off",
+    ),
+    "inconsistent": Reason(
+        "encoders, drive and spring of a joint contradict each other",
+        f"after {1e3 * LASTING['inconsistent']:g} ms beyond what the tolerances explain",
+        "sign, scale and zero of encoders; sign and power of the drive; spring, brake, payload",
+    ),
+    "runaway": Reason(
+        "a joint moves away from its command",
+        "beyond its own way away from it, of the order of what it moves in 20 ms at its speed limit",
+        "the drive, the payload, and who pushes",
+    ),
+    "too_fast": Reason(
+        "a joint is faster than its limit allows",
+        f"over {1e3 * WINDOW:g} ms or more: motors 1.5 times, links that and what a released spring gives",
+        "the drive, and `speed_limit` of the robot file",
+    ),
+    "opposed": Reason(
+        "an input is at its limit against a motion that does not slow down",
+        f"after {1e3 * LASTING['opposed']:g} ms",
+        "sign and power of the drive",
+    ),
+    "oscillating": Reason(
+        "an input swings by most of its range again and again, or more and more",
+        f"after {SWINGS:g} swings, each within {SWINGS_WITHIN:g} s",
+        "gains and delay of the drive, noise, the latency of the loop",
+    ),
+    "stuck": Reason(
+        "the encoder of a motor stands though the motor cannot",
+        f"after {1e3 * LASTING['stuck']:g} ms",
+        "that encoder, and a brake that is closed",
+    ),
 }
 
 #: Bits of the reasons that are signs, in their order.
@@ -174,7 +222,7 @@ class Protection(Listed):
     moved_at_start: Sequence[float] = ()
     twist_at_start: Sequence[float] = ()
     drive: str = "torque"
-    longest_unseen: int = 10
+    longest_unseen: int = LONGEST_UNSEEN
     stop_on: Sequence[str] = tuple(STOPS)
 
     def __post_init__(self) -> None:

@@ -67,7 +67,7 @@ class Stop(enum.IntFlag):
     def __str__(self) -> str:
         """What each reason says; `format` and the exported C have the number."""
         return (
-            "; ".join(text for name, text in STOPS.items() if Stop[name.upper()] in self)
+            "; ".join(reason.says for name, reason in STOPS.items() if Stop[name.upper()] in self)
             or "nothing stops it"
         )
 
