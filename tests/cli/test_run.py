@@ -194,7 +194,7 @@ def test_a_mistake_is_told_before_any_work(
 
 
 @pytest.mark.parametrize(
-    ("stated", "stop_record"),
+    ("stated", "told"),
     [
         (["--log", "run.csv"], ("--log", "ros2 bag", "without --ros")),
         (["--pose", "5deg"], ("--pose", "without --ros")),

@@ -45,7 +45,7 @@ def test_everything_is_logged(run: RealTimeRun) -> None:
         assert ("state", name, "rad/s") in found
     assert {("measured", "link_position", "rad"), ("reference", "link_position", "rad")} <= found
     assert {("input", "motor_voltage", "V"), ("disturbance", "link_torque", "N·m")} <= found
-    assert {"missed_deadline", "overrun", "at_limit", "code", "status"} == {
+    assert {"missed_deadline", "overrun", "at_limit", "code", "status", "stop"} == {
         n for k, n, _ in found if k == "flags"
     }
     assert ("timing", "lateness", "s") in found

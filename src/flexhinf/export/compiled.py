@@ -30,6 +30,7 @@ from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
 from flexhinf.loop.controller.memory import RunCounts
+from flexhinf.loop.controller.starting import Start
 from flexhinf.loop.controller.stop import Stop
 from flexhinf.validation import (
     checked_path,
@@ -314,11 +315,8 @@ class CompiledController:
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
         self._kept = (self._state, self._r, self._u, self.estimate)  # what copies and pickles hold
-        self._fresh, self._acts, self.stop = (
-            np.zeros(len(self.measured), dtype=np.intc),
-            self._u.copy(),
-            Stop(0),
-        )
+        self._fresh, self._acts = np.zeros(len(self.measured), dtype=np.intc), self._u.copy()
+        self.stop, self.start_reasons = Stop(0), Start(0)
         state, y, fresh, r, u, estimate = (
             ctypes.c_void_p(array.ctypes.data)
             for array in (self._state, self._y, self._fresh, self._r, self._u, self.estimate)
@@ -338,7 +336,11 @@ class CompiledController:
             power = self._library.flexhinf_may_act(state, code, acts, ctypes.byref(reasons))
             return bool(power), reasons.value
 
-        self._run, self._begin, self._decide = run, begin, decide
+        def look() -> tuple[int, int]:
+            code = self._library.flexhinf_at_rest(state, y, ctypes.byref(reasons))
+            return code, reasons.value
+
+        self._run, self._begin, self._decide, self._look = run, begin, decide, look
         self.reset()
 
     def step(
@@ -387,6 +389,15 @@ class CompiledController:
     def output(self) -> np.ndarray:
         """The input (m,) that acts after `may_act`."""
         return self._acts.copy()
+
+    def at_rest(self, y: Numbers) -> bool:
+        """As `Controller.at_rest`; `start_reasons` says what it found."""
+        self._fill(
+            self._y, np.full(len(self.measured), np.nan) if y is None else y, "measurement", self.measured
+        )
+        code, reasons = self._look()
+        self.start_reasons = Start(reasons)
+        return self.code_numbers.get(code) == "OK"
 
     def _fill(self, place: np.ndarray, numbers: Numbers, what: str, names: tuple[str, ...]) -> None:
         try:
@@ -461,7 +472,7 @@ class CompiledController:
         )
         self._r[: len(self.commanded)] = self._operating_reference
         self.estimate[:] = 0.0
-        self.code, self.stop = "OK", Stop(0)
+        self.code, self.stop, self.start_reasons = "OK", Stop(0), Start(0)
 
     # Copies and pickles: the library's path, and what is remembered ---------------------------------------
     def __getstate__(self) -> _Copied:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
 from types import MappingProxyType
@@ -42,7 +41,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
 from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.export.contract import CODES, unlimited_inputs
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.names import (
@@ -60,21 +59,18 @@ from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import PAUSES, SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
 from flexhinf.loop.controller.protection import LOOK, STOPS
-from flexhinf.loop.controller.readings import Readings, believed_readings
+from flexhinf.loop.controller.readings import believed_readings
 from flexhinf.loop.controller.signs import PAUSES as TOO_MANY, SIGNS
-from flexhinf.loop.controller.slowing import voters_of
+from flexhinf.loop.controller.starting import is_checkable, look_samples, standstill_of, starts_anywhere
 from flexhinf.loop.controller.status import WATCHED, possible_status
 from flexhinf.loop.controller.stop import (
     FAILED,
     Stop,
-    StopState,
-    decided,
+    decision,
     first_stop,
-    stop_numbers,
     stop_size,
 )
 from flexhinf.plant import known, rcond_limit
-from flexhinf.plant.joints import standstill_function
 from flexhinf.scalars import drop_empty, maximum, trace
 from flexhinf.validation import unknown_name
 
@@ -414,15 +410,14 @@ class ControllerCode:
     @property
     def is_checkable(self) -> bool:
         """Whether each motor's encoder has a second reading that tells whether its place is true."""
-        watch = self.controller.mode.protected
-        return watch is not None and bool(watch.pairs) and not watch.alone
+        return is_checkable(self.controller)
 
     @property
     def _starting(self) -> dict[str, object]:
         """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
         model at rest at the measured links."""
         c, protection, watch = self.controller, self.controller.protection, self.controller.mode.protected
-        samples = 1 + max(1, round(LOOK / c.period))
+        samples = look_samples(c.period)
         if protection is None or watch is None:
             return {"samples": samples, "pairs": ()}
         states, links = list(self.signals["X"]), [list(c.measured).index(name) for name in protection.links]
@@ -443,23 +438,8 @@ class ControllerCode:
     def _stopping(self) -> dict[str, object]:
         """What ``NAME_may_act`` consists of."""
         c = self.controller
-        drive, numbers = stop_numbers(c)
         first = first_stop(np.asarray(c.input_before()))
-        sizes, m = [np.size(part) for part in first], self.sizes["u"]
-        ends = np.cumsum(sizes).tolist()
-
-        def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
-            flags, u, hold, readings, category, data = others
-            table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
-            limits = c.data.named(data)
-            parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
-            now = numbers._replace(lower=limits.lower, upper=limits.upper)
-            acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
-            return acts, np.concatenate(after)
-
-        readings = c.memory.places.get("readings", slice(0, 1))
-        count = readings.stop - readings.start
-        traced = trace(decide, ends[-1], len(Stop), m, m, count, 1, self.sizes["data"], name="decided")
+        ends = np.cumsum([np.size(part) for part in first]).tolist()
         _, stop_on, category = self.whole_numbers
         return {
             "stop_size": ends[-1],
@@ -472,7 +452,7 @@ class ControllerCode:
                 " || ".join(f"code == {self.upper(name)}" for name in FAILED if name in self.codes)
             ),
             "signs": len(SIGNS) if c.protection else 0,
-            "decided": self.translator.function(traced),
+            "decided": self.translator.function(decision(c)),
         }
 
     @property
@@ -525,10 +505,7 @@ class ControllerCode:
     @cached_property
     def standstill(self) -> casadi.Function | None:
         """(q, parameters) → state and input at rest at q, as a CasADi function; None without such a model."""
-        estimator = self.controller.estimator
-        if estimator is None or not self.starts_anywhere or not estimator.plant.parameters.size:
-            return None
-        return standstill_function(estimator.plant)
+        return standstill_of(self.controller.estimator)
 
     @property
     def rests(self) -> bool:
@@ -565,12 +542,7 @@ class ControllerCode:
     @cached_property
     def starts_anywhere(self) -> bool:
         """Whether the belief about another state is the initial one with another mean."""
-        estimator = self.controller.estimator
-        if estimator is not None:
-            with suppress(InvalidInput):
-                other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
-                return all(map(np.array_equal, other[1:], estimator.initial[1:]))
-        return False
+        return starts_anywhere(self.controller.estimator)
 
 
 #: Header and source of a controller.

@@ -40,7 +40,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.files import write_file
-from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop import Controller, Loop, Stop, Trajectory
 from flexhinf.loop.signals.references import SignalLike
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
@@ -165,8 +165,12 @@ class RealTimeRun:
         When the first sample was due, ns since 1970.
     input_range : ((m,), (m,))
         Lower and upper limits of the inputs, infinite where there are none.
+    stops : (N,) array of int
+        Bits of `flexhinf.loop.Stop` after each step: why the drives may not act.
+    powered : (N,) array of bool
+        Whether they had power then; without it the run ends.
     stopped : int or None
-        The signal that ended the run before its time; 0 where `watch` did; None for a run that came to its end.
+        The signal that ended the run before its time; 0 where `watch` did; None for another end.
     scheduling : tuple of str
         What the system permitted, in sentences.
     """
@@ -175,11 +179,31 @@ class RealTimeRun:
     timing: Timing
     codes: np.ndarray
     status: np.ndarray
+    stops: np.ndarray
+    powered: np.ndarray
     code_names: dict[int, str]
     began: int
     input_range: tuple[np.ndarray, np.ndarray]
     stopped: int | None
     scheduling: tuple[str, ...]
+
+    @property
+    def stop(self) -> Stop:
+        """Why a protective stop began; no reason where none did."""
+        return Stop(int(self.stops[-1]) if len(self.stops) else 0)
+
+    @property
+    def stop_text(self) -> str:
+        """When a protective stop began and why, when the power went, and what to look at; "" without one."""
+        if not self.stop:
+            return ""
+        time = self.trajectory.time
+        began, off = (float(time[np.argmax(which)]) for which in (self.stops > 0, ~self.powered))
+        power = "they still have power" if self.powered.all() else f"they have no power from {off:g} s on"
+        return (
+            f"A protective stop began at {began:g} s: {self.stop}. Expected drives that may act to the end, got "
+            f"{', '.join(str(bit.name) for bit in Stop if bit in self.stop)}, and {power}. Look at: {self.stop.look}."
+        )
 
 
 def run_realtime(
@@ -203,8 +227,10 @@ def run_realtime(
 ) -> RealTimeRun:
     """Run a loop at the period of its controller on the wall clock.
 
-    The signals are those of `Loop.run`; only the times are measured. Ctrl-C (or SIGTERM, SIGHUP) in the main thread
-    ends the run after the sample that is being made, and what was recorded is returned; a second Ctrl-C interrupts.
+    The signals are those of `Loop.run`, but that `Controller.may_act` is asked after each step and `Controller.output`
+    acts: where the drives lose their power, the run ends, see `RealTimeRun.stop_text`. Ctrl-C (or SIGTERM, SIGHUP) in
+    the main thread ends it after the sample that is being made, and what was recorded is returned; a second Ctrl-C
+    interrupts.
 
     Parameters
     ----------
@@ -261,7 +287,8 @@ def run_realtime(
     run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": clock.name})
     count = len(run.time)
     return RealTimeRun(
-        run, clock.timing(run.time), clock.codes[:count], clock.status[:count], clock.code_names, clock.began,
+        run, clock.timing(run.time), clock.codes[:count], clock.status[:count], clock.stops[:count],
+        clock.powered[:count], clock.code_names, clock.began,
         (loop.controller.limits.lower, loop.controller.limits.upper),
         clock.stopped if count < samples and not run.message else None, scheduling,
     )  # fmt: skip
@@ -306,16 +333,18 @@ class _Clock:
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
         self._numbers = {name: number for number, name in self.code_names.items()}
-        self._step, self._k, self._first = self._stepped.step, 0, 0
+        self._k, self._first = 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
-        self.codes, self.status = np.full((2, samples), 0)
+        self.codes, self.status, self.stops = np.full((3, samples), 0)
+        self.powered = np.full(samples, True)
         self.request: list[int] = []
         self.began, self.stopped = 0, None
         self.reset()
 
     def reset(self) -> None:
         self._stepped.reset(**self._start)
+        self._may_act = True
 
     estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
     path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
@@ -325,6 +354,7 @@ class _Clock:
         """Return when sample k is due; False where the run is to end."""
         if self.request:
             self.stopped = self.request[0]
+        if self.request or not self._may_act:
             return False
         self._k, now = k, time.perf_counter_ns
         if k == 0:
@@ -336,12 +366,15 @@ class _Clock:
 
     def step(self, y: Numbers, reference: Numbers) -> np.ndarray:
         start = time.perf_counter_ns()
-        u = self._step(y, reference)
+        self._stepped.step(y, reference)
+        self._may_act = self._stepped.may_act()
+        u = self._stepped.output
         end, k = time.perf_counter_ns(), self._k
         self._computed[k], self._ready[k] = end - start, end
         if isinstance(self._stepped, CompiledController):
             self.codes[k] = self._numbers[self._stepped.code]
-        self.status[k] = int(self._stepped.status)
+        self.status[k], self.stops[k] = int(self._stepped.status), int(self._stepped.stop)
+        self.powered[k] = self._may_act
         return u
 
     def end(self, k: int) -> None:
@@ -459,7 +492,8 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
     """Everything that is logged: signals of the trajectory, flags, times of the samples.
 
     Flags are 0 or 1: ``missed_deadline`` and ``overrun`` as `Timing` has them, ``at_limit`` where an input is as large
-    as it may be; ``code`` is how the controller's step ended, 0 for OK.
+    as it may be; ``code`` is how the controller's step ended, 0 for OK; ``status`` and ``stop`` are bits of
+    `flexhinf.Status` and `flexhinf.loop.Stop`.
     """
     trajectory, timing = run.trajectory, run.timing
     u, (low, high) = trajectory.signals["input"], run.input_range
@@ -467,7 +501,7 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
         limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
     flags = {
         "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
-        "status": run.status,
+        "status": run.status, "stop": run.stops,
     }  # fmt: skip
     times = {
         "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,
@@ -537,7 +571,7 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
 
 
 def _settings(run: RealTimeRun) -> dict[str, str]:
-    ended = "completed" if run.stopped is None else "stopped before its end"
+    ended = run.stop_text or ("completed" if run.stopped is None else "stopped before its end")
     settings = {
         **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(run.code_names),
         "began_ns_since_1970": run.began,

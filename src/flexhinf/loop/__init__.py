@@ -16,7 +16,10 @@ from flexhinf.loop.controller.friction import DryFriction as DryFriction
 from flexhinf.loop.controller.governor import Governor as Governor
 from flexhinf.loop.controller.keywords import ControllerOptions as ControllerOptions
 from flexhinf.loop.controller.laws import Schedule as Schedule, savable_estimator as savable_estimator
+from flexhinf.loop.controller.protection import Protection as Protection
+from flexhinf.loop.controller.starting import Start as Start
 from flexhinf.loop.controller.status import Status as Status, Supervision as Supervision
+from flexhinf.loop.controller.stop import Stop as Stop
 from flexhinf.loop.signals.motions import JerkLimited as JerkLimited, Spline as Spline, Waypoints as Waypoints
 from flexhinf.loop.signals.references import (
     Braked as Braked,
