@@ -216,7 +216,7 @@ def test_arguments_of_ros_are_those_of_a_node_alone(
 ) -> None:
     """As `ros2 run` and launch files give them: parameters, other names."""
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    words = ["--ros-args", "-p", "stop_ramp:=0.1", "-r", "__node:=arm"]
+    words = ["--ros-args", "-p", "stop_time:=0.1", "-r", "__node:=arm"]
     assert main(["run", design, "--ros", *words]) == 2
     assert unnamed(capsys.readouterr().err, "ros-jazzy-rclpy") == []
     assert main(["run", design, "--ros", *words, "--", "--log", "run.csv"]) == 2

@@ -496,6 +496,11 @@ class Controller(Summarised):
         return self._history.estimate.copy()
 
     @property
+    def code(self) -> str:
+        """How the last step ended, as exported C says it: "OK", "PREDICTED", "BAD_PERIOD", …; "WAITING" before one."""
+        return self._history.code
+
+    @property
     def integrals(self) -> np.ndarray:
         """Integrals of the tracking errors after the last step, (k,)."""
         return self._history.memory[self.memory.places["integral"]].copy()
