@@ -15,7 +15,8 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export.realtime import RealTimeRun, check_log, log_columns, percentiles, write_log
+from flexhinf.export.realtime import RealTimeRun, percentiles
+from flexhinf.export.run_log import check_log, log_columns, write_log
 from flexhinf.loop import Loop
 from flexhinf.robot import MuJoCoPlant
 

@@ -30,8 +30,8 @@ from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
 from flexhinf.loop.controller.memory import RunCounts
-from flexhinf.loop.controller.starting import Start
 from flexhinf.loop.controller.stop import Stop
+from flexhinf.starts import Start
 from flexhinf.validation import (
     checked_path,
     one_of,
@@ -522,40 +522,16 @@ MARK = b"flexhinf library 3: instructions, then what it is\n"
 #: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
 #: that says so, and LLVM's name without points.
 INSTRUCTIONS = {
-    "__SSE3__": "sse3",
-    "__SSSE3__": "ssse3",
-    "__SSE4_1__": "sse41",
-    "__SSE4_2__": "sse42",
-    "__POPCNT__": "popcnt",
-    "__AVX__": "avx",
-    "__AVX2__": "avx2",
-    "__FMA__": "fma",
-    "__FMA4__": "fma4",
-    "__XOP__": "xop",
-    "__TBM__": "tbm",
-    "__BMI__": "bmi",
-    "__BMI2__": "bmi2",
-    "__LZCNT__": "lzcnt",
-    "__MOVBE__": "movbe",
-    "__F16C__": "f16c",
-    "__GFNI__": "gfni",
-    "__AVX512F__": "avx512f",
-    "__AVX512CD__": "avx512cd",
-    "__AVX512DQ__": "avx512dq",
-    "__AVX512BW__": "avx512bw",
-    "__AVX512VL__": "avx512vl",
-    "__AVX512IFMA__": "avx512ifma",
-    "__AVX512VBMI__": "avx512vbmi",
-    "__AVX512VBMI2__": "avx512vbmi2",
-    "__AVX512VNNI__": "avx512vnni",
-    "__AVX512BITALG__": "avx512bitalg",
-    "__AVX512VPOPCNTDQ__": "avx512vpopcntdq",
-    "__AVX512BF16__": "avx512bf16",
-    "__AVX512FP16__": "avx512fp16",
-    "__APX_F__": "apxf",
-    "__ARM_FEATURE_SVE": "sve",
-    "__ARM_FEATURE_SVE2": "sve2",
-}
+    "__SSE3__": "sse3", "__SSSE3__": "ssse3", "__SSE4_1__": "sse41", "__SSE4_2__": "sse42",
+    "__POPCNT__": "popcnt", "__AVX__": "avx", "__AVX2__": "avx2", "__FMA__": "fma", "__FMA4__": "fma4",
+    "__XOP__": "xop", "__TBM__": "tbm", "__BMI__": "bmi", "__BMI2__": "bmi2", "__LZCNT__": "lzcnt",
+    "__MOVBE__": "movbe", "__F16C__": "f16c", "__GFNI__": "gfni", "__AVX512F__": "avx512f",
+    "__AVX512CD__": "avx512cd", "__AVX512DQ__": "avx512dq", "__AVX512BW__": "avx512bw",
+    "__AVX512VL__": "avx512vl", "__AVX512IFMA__": "avx512ifma", "__AVX512VBMI__": "avx512vbmi",
+    "__AVX512VBMI2__": "avx512vbmi2", "__AVX512VNNI__": "avx512vnni", "__AVX512BITALG__": "avx512bitalg",
+    "__AVX512VPOPCNTDQ__": "avx512vpopcntdq", "__AVX512BF16__": "avx512bf16", "__AVX512FP16__": "avx512fp16",
+    "__APX_F__": "apxf", "__ARM_FEATURE_SVE": "sve", "__ARM_FEATURE_SVE2": "sve2",
+}  # fmt: skip
 
 #: Linux's names for some of them.
 OF_LINUX = {"pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "apx": "apxf"}

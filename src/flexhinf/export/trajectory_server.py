@@ -283,10 +283,11 @@ class TrajectoryServer:
         """Take the power of the drives at once; the goal ends with −4 and this reason."""
         with self._lock:
             self._end_goals(reason)
-            if not self.is_released:
-                held = self.robot.drive == "position"
-                none = np.clip(0.0, self._limits.lower, self._limits.upper)
-                self.input, self.is_released = self.input if held else none, True
+            if self.is_released:
+                return
+            if self.robot.drive != "position":
+                self.input = np.clip(0.0, self._limits.lower, self._limits.upper)
+            self.is_released = True
         self.hardware.write(self.input)
 
     def _end_goals(self, reason: str) -> None:

@@ -19,7 +19,8 @@ import numpy as np
 from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
-from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles, write_log
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
+from flexhinf.export.run_log import write_log
 from flexhinf.loop import Status, Stop
 from flexhinf.loop.controller.protection import STOPS
 from flexhinf.loop.controller.signs import SIGNS
@@ -93,9 +94,8 @@ ROWS = {
 
 def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
     """Whether a run met every requirement and came to its end, and no protective stop began."""
-    return (
-        not run.trajectory.message and not run.stop and all(line.met for line in prepared.requirements(run))
-    )
+    is_whole = not run.trajectory.message and not run.stop
+    return is_whole and all(line.met for line in prepared.requirements(run))
 
 
 def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Terminal]:
@@ -123,8 +123,8 @@ def _tracked(run: RealTimeRun) -> bool:
 
 def judged_requirements(prepared: DeployedRun, run: RealTimeRun) -> list[Requirement]:
     """The requirements of a run that came to its end; none of one that was stopped or diverged."""
-    came_to_end = run.stopped is None and not run.stop and _tracked(run)
-    return prepared.requirements(run) if came_to_end else []
+    is_whole = run.stopped is None and not run.stop and _tracked(run)
+    return prepared.requirements(run) if is_whole else []
 
 
 def _joints_table(prepared: DeployedRun, run: RealTimeRun) -> Table:

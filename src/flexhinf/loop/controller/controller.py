@@ -18,13 +18,13 @@ from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
-from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
+from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.acting import Acting
 from flexhinf.loop.controller.arguments import options_of
 from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.bumpless import STEPS
 from flexhinf.loop.controller.control_system import control_system
 from flexhinf.loop.controller.data import data_values
-from flexhinf.loop.controller.decision import Decision
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.governor import Governor
@@ -60,10 +60,8 @@ from flexhinf.loop.controller.options import (
 from flexhinf.loop.controller.protection import Pausing, Protection
 from flexhinf.loop.controller.readings import Readings, believable
 from flexhinf.loop.controller.standstill import first_values, standstill_memory, velocity_places
-from flexhinf.loop.controller.starting import Start, StartCheck
 from flexhinf.loop.controller.status import Status, Supervision, status_of, watched_numbers
 from flexhinf.loop.controller.step import StepMode, controller_step
-from flexhinf.loop.controller.stop import Stop
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
@@ -78,7 +76,7 @@ READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
 Bound = tuple[Callable[[], int], Callable[[Any], bool], Callable[[Any], None], Callable[[], np.ndarray]]
 
 
-class Controller(Summarised):
+class Controller(Acting, Summarised):
     """A sampled controller: measurement and command in, input out.
 
     Parameters
@@ -242,8 +240,6 @@ class Controller(Summarised):
         first, place = self.initial_memory(), self.memory.places["reference"]
         self._history = StateHistory(first, place, len(self.estimated), braking_place(self.memory.places))
         self._ready: Any = ()
-        self._decision: Decision | None = None
-        self._start_check: StartCheck | None = None
         self._y = np.zeros(len(self.measured))  # the last measurement
 
     def fresh(self, fused: bool | None = None, **options: Unpack[ControllerOptions]) -> Controller:
@@ -531,58 +527,6 @@ class Controller(Summarised):
             return np.zeros(len(self.measured), dtype=int)
         belief = self.memory.named(self._history.memory).belief
         return type(self.estimator.initial)(*belief).rejected.astype(int)
-
-    def may_act(self) -> bool:
-        """Whether the drives may have power, to be asked after each step, also one that raised, and obeyed: then
-        `output` is what acts. A reason that was there once, see `stop`, stays until `reset`; steps go on as before. It
-        is the decision of the exported C, see `flexhinf.loop.controller.stop`."""
-        history = self._history
-        if self._decision is None:
-            self._decision = Decision(self, history)
-        if self.protection is None and self.gaps:
-            history.count_unseen(self._y)
-        history.stop = self._decision()
-        return bool(history.stop.power[0] > 0.0)
-
-    @property
-    def stop(self) -> Stop:
-        """Why the drives may not act any more, since `reset`."""
-        kept = self._history.stop
-        return Stop(0 if kept is None else sum(one for one, flag in zip(Stop, kept.reasons) if flag > 0.0))
-
-    @property
-    def output(self) -> np.ndarray:
-        """The input (m,) that acts after `may_act`: that of the last step, of a controlled stop, or without power."""
-        kept = self._history.stop
-        return self._history.memory[self.memory.places["u"]].copy() if kept is None else np.array(kept.last)
-
-    def at_rest(self, y: Numbers) -> bool:
-        """Whether the robot rests where the controller can begin, to be asked once a sample before the start, with what
-        is measured (p,), drives off: True after 50 ms of readings that agree. `start_reasons` says what speaks against
-        it, or what nothing tells. It begins anew with `reset`, a missing reading and a bad one. It is the check of the
-        exported C, see `flexhinf.loop.controller.starting`.
-
-        Raises
-        ------
-        InvalidInput
-            If y does not have the right size.
-        """
-        if self._start_check is None:
-            self._start_check = StartCheck(self)
-        numbers = np.full(len(self.measured), np.nan) if y is None else np.ravel(real_array(y))
-        refuse_if(
-            len(numbers) != len(self.measured),
-            "The measurement does not fit.",
-            f"expected one number for each of {list(self.measured)}, got {value_text(y)}",
-            "an array of this length, NaN for an element that is missing",
-        )
-        rests, self._history.resting = self._start_check.after(self._history.resting, numbers)
-        return rests
-
-    @property
-    def start_reasons(self) -> Start:
-        """What the last `at_rest` found, since `reset`."""
-        return self._history.resting.why
 
     @property
     def path_rate(self) -> float:

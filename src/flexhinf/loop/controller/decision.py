@@ -66,9 +66,9 @@ class Decision:
 def decision_key(controller: Any) -> tuple[object, ...]:
     """Key of the compiled decision: equal for controllers of which it has the same numbers."""
     drive, numbers = stop_numbers(controller)
-    constants = np.concatenate([np.ravel(part) for part in (numbers.damping, *numbers.masses)])
-    known = controller.protection is not None
-    return controller.code_key, drive, known, voters_of(controller), constants.tobytes()
+    parts: tuple[Any, ...] = numbers.damping, *numbers.masses
+    constants = [np.asarray(part, dtype=float).tobytes() for part in parts]
+    return controller.code_key, drive, controller.protection is not None, voters_of(controller), *constants
 
 
 def _program(traced: Any) -> Program:

@@ -6,7 +6,6 @@ of each spring is compared with that of the model at rest there. It is the check
 
 from __future__ import annotations
 
-import enum
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,55 +16,10 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.protection import LOOK
 from flexhinf.plant import Estimator
 from flexhinf.plant.joints import standstill_function
+from flexhinf.starts import Start
 
 if TYPE_CHECKING:
     import casadi as ca
-
-
-class StartReason(NamedTuple):
-    """What speaks against a start: what it `says`, and what to `look` at."""
-
-    says: str
-    look: str
-
-
-#: What speaks against a start, or is not known there, by name.
-STARTS = {
-    "missing": StartReason("a reading is not there", "cables, the bus, and the order of the readings"),
-    "moves": StartReason("the robot moves", "brakes, and what pushes it; wait until it rests"),
-    "out_of_range": StartReason(
-        "a joint is beyond its range", "where the arm stands, and zero, sign and unit of its encoder"
-    ),
-    "twisted": StartReason(
-        "motor and link are apart by more than weight and friction twist the spring",
-        "the zeros and signs of both encoders, the payload, and what leans on the arm",
-    ),
-    "not_checked": StartReason(
-        "no second reading tells whether the zeros of the encoders are right", "home the arm first"
-    ),
-}
-
-
-class Start(enum.IntFlag):
-    """What speaks against a start, or is not known there; the exported C has the same numbers."""
-
-    MISSING = 1
-    MOVES = 2
-    OUT_OF_RANGE = 4
-    TWISTED = 8
-    NOT_CHECKED = 16
-
-    def _texts(self, field: str) -> str:
-        return "; ".join(getattr(STARTS[str(bit.name).lower()], field) for bit in Start if bit in self)
-
-    def __str__(self) -> str:
-        """What each reason says; `format` and the exported C have the number."""
-        return self._texts("says") or "nothing speaks against a start"
-
-    @property
-    def look(self) -> str:
-        """What to look at, for each reason."""
-        return self._texts("look")
 
 
 class Resting(NamedTuple):
