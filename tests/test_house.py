@@ -318,8 +318,8 @@ TERMS = {
     "hold_inputs",
     "rests", "_RestToRest",  # a robot at rest, and a motion from rest to rest
     "DISTURBED", "disturbed",  # a plant and a loop with their disturbance
-    "rest", "_twists_at_rest", "Readings", "_readings", "readings", "believed_readings", "first_readings",
-    "reading_steps", "reading_windows",  # what stands still, and what an encoder reads
+    "rest", "_twists_at_rest", "at_rest", "flexhinf_at_rest", "Readings", "_readings", "readings", "believed_readings",
+    "first_readings", "reading_steps", "reading_windows",  # what stands still, and what an encoder reads
     "FileNotFoundError", "ModuleNotFoundError", "PackageNotFoundError", "is_running",  # of Python, MuJoCo's viewer
 }  # fmt: skip
 

@@ -55,7 +55,18 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Closed loops": (
         "A controller, a true plant, and a run of both.",
-        ("Controller", "load_controller", "Status", "Supervision", "Schedule", "Loop", "Trajectory"),
+        (
+            "Controller",
+            "load_controller",
+            "Status",
+            "Supervision",
+            "Protection",
+            "Start",
+            "Stop",
+            "Schedule",
+            "Loop",
+            "Trajectory",
+        ),
     ),
     "References and moves": (
         "What a loop is told to follow.",

@@ -88,3 +88,8 @@ class Stop(enum.IntFlag):
             "; ".join(reason.says for name, reason in STOPS.items() if Stop[name.upper()] in self)
             or "nothing stops it"
         )
+
+    @property
+    def look(self) -> str:
+        """What to look at, for each reason."""
+        return "; ".join(reason.look for name, reason in STOPS.items() if Stop[name.upper()] in self)

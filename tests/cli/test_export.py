@@ -24,7 +24,7 @@ from flexhinf.design.design_file import robot_digests
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.errors import InvalidInput
-from flexhinf.export import check_limits, unlimited_inputs
+from flexhinf.export import check_limits, protected, unlimited_inputs
 
 # Code is exported and not run; what it computes is tested in tests/export: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -507,6 +507,25 @@ def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixtur
         assert b'fmiVersion="3.0"' in archive.read("modelDescription.xml")
     assert main(["export", "fmu", "controller", "--fmi", "1.0", "--out", "other.fmu"]) == 2
     assert not (folder / "other.fmu").exists()
+
+
+@pytest.mark.ci("exports two links twice")
+def test_a_stored_protection_is_exported_unless_measurements_are_not_checked(folder: Path) -> None:
+    arm = fh.load_robot("planar-two-link")
+    plain = arm_controller(
+        arm, fh.ExtendedKalmanFilter, pose=arm.home, measured=("link_position", "motor_position"), q=1e-6, r=1e-8,
+        limit=100.0, supervision=fh.Supervision(following=0.2),
+    )  # fmt: skip
+    stored = protected(plain, arm)[0]
+    stored.save(folder / "one")
+    text = '[design]\nrobot = "planar-two-link"\n'
+    report.write(folder / "arm", {"design.toml": text, "controller": (folder / "one").read_bytes()})
+    for words, watched in (([], True), (["--no-check-measurements"], False)):
+        out = f"c{len(words)}"
+        assert main(["export", "c", "arm", "--out", out, "--name", "arm", *words]) == 0
+        header = (folder / out / "arm.h").read_text()
+        for name in ("ARM_P_LONGEST_UNSEEN", "int rejected[", "ARM_P_MEASUREMENT_RATE"):
+            assert (name in header) is watched, (name, words)
 
 
 @pytest.mark.ci("exports two links twice")

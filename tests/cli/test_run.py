@@ -17,6 +17,8 @@ from tests.refusals import unnamed
 from flexhinf import report
 from flexhinf.cli import main
 from flexhinf.export import ros_node
+from flexhinf.loop import Stop
+from flexhinf.robot import MuJoCoPlant
 
 pytest.importorskip("mujoco")
 
@@ -86,6 +88,28 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
     assert unnamed(out, "not", "real time", "51 samples", "not judged", "remaining error", "--duration") == []
     # the design's own verdict, and how much of it the run judges again
     assert unnamed(out, "0 of", "2 kinds", "1 of 2", "unstable corners: 44") == []
+
+
+@pytest.mark.ci("a run that is stopped, with its page")
+def test_a_run_whose_sensor_falls_silent_is_stopped(
+    design: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says when and why, and what to look at; what was recorded until then is written."""
+    output, samples = MuJoCoPlant.output, iter(range(10_000))
+    monkeypatch.setattr(
+        MuJoCoPlant, "output", lambda box: output(box) * (1.0 if next(samples) < 50 else math.nan)
+    )
+    words = ["run", design, "--mujoco", "--no-realtime", "--log", "run.csv", "--out", "made"]
+    assert main(words) == 1
+    told = " ".join(capsys.readouterr().out.split())
+    assert unnamed(told, "protective stop", "sensor was missing", "SENSOR_LOST", "cables") == []
+    assert "not judged" not in told
+    rows = [line.split(",") for line in (folder / "run.csv").read_text().splitlines()]
+    assert 56 + 50 < len(rows) < 180  # ten more samples, a controlled stop, and rest
+    assert int(float(rows[-1][rows[0].index("flags/stop")])) == Stop.SENSOR_LOST
+    numbers = json.loads((folder / "made" / "run.json").read_text())
+    assert (numbers["protective_stop"], numbers["met"]) == (["sensor_lost"], False)
+    assert "A protective stop began" in (folder / "made" / "index.html").read_text()
 
 
 @pytest.mark.ci("a run with its page")
@@ -194,7 +218,7 @@ def test_a_mistake_is_told_before_any_work(
 
 
 @pytest.mark.parametrize(
-    ("stated", "stop_record"),
+    ("stated", "told"),
     [
         (["--log", "run.csv"], ("--log", "ros2 bag", "without --ros")),
         (["--pose", "5deg"], ("--pose", "without --ros")),
@@ -216,7 +240,7 @@ def test_arguments_of_ros_are_those_of_a_node_alone(
 ) -> None:
     """As `ros2 run` and launch files give them: parameters, other names."""
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    words = ["--ros-args", "-p", "stop_ramp:=0.1", "-r", "__node:=arm"]
+    words = ["--ros-args", "-p", "stop_time:=0.1", "-r", "__node:=arm"]
     assert main(["run", design, "--ros", *words]) == 2
     assert unnamed(capsys.readouterr().err, "ros-jazzy-rclpy") == []
     assert main(["run", design, "--ros", *words, "--", "--log", "run.csv"]) == 2

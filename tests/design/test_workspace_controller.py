@@ -249,8 +249,8 @@ def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
 def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     """Seven samples of delay that nobody knows make the loop oscillate between its limits while it should rest."""
     setup = made(saturation=24.0)
-    controller = deployed(setup, supervision=replace(setup.supervision, saturation_time=0.02))
-    x, _ = arm().operating_point()
+    watch, (x, _) = replace(setup.supervision, saturation_time=0.02), arm().operating_point()
+    controller = deployed(setup, supervision=watch, protection=None)  # which would stop it
     loop = fh.Loop(MuJoCoPlant(arm(), measured=BOTH), controller, delay=0.025)
     seen = fh.run_realtime(
         loop, dict(zip(controller.commanded, reference(None))), noise=1e-4, duration=6.0, initial_state=x,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.builders import arm_controller
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -198,6 +198,29 @@ def test_a_run_that_diverges_ends_there(controller: fh.Controller) -> None:
     assert run.stopped is None
     assert "finite" in run.trajectory.message
     assert len(run.timing.time) == len(run.trajectory.time) == 10
+
+
+@pytest.mark.ci("runs a library that is stopped")
+def test_the_run_ends_where_the_drives_lose_their_power(controller: fh.Controller, library: Path) -> None:
+    """After 20 samples the sensor is silent; ten more may be missing, and then the input is off."""
+
+    class Silent(Box):
+        def output(self) -> np.ndarray:
+            y = super().output()
+            return y if self.k <= 20 else np.full(1, np.nan)
+
+    runs = [
+        fh.run_realtime(Loop(Silent(), controller), 0.1, duration=0.1, real_time=False, library=one)
+        for one in (None, fh.load_compiled(library))
+    ]
+    for run in runs:
+        assert fh.Stop.SENSOR_LOST in run.stop  # the C says too that its step cannot go on
+        assert (len(run.trajectory.time), run.stopped, run.trajectory.message) == (31, None, "")
+        assert run.powered.tolist() == [True] * 30 + [False]
+        assert run.trajectory.signals["input"][-1] == 0.0 != run.trajectory.signals["input"][-2]
+        assert unnamed(run.stop_text, "0.03 s", "sensor", "SENSOR_LOST", "no power", "cables") == []
+    fine = fh.run_realtime(Loop(Box(), controller), 0.1, duration=0.1, real_time=False)
+    assert (fine.stop, fine.stop_text, len(fine.trajectory.time)) == (fh.Stop(0), "", 101)
 
 
 @pytest.mark.parametrize(

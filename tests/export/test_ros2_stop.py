@@ -19,7 +19,8 @@ from tests.loop.controller.test_signs import AT, FAULTS, POSE, Arm, Happening, m
 
 import flexhinf as fh
 from flexhinf.export import protected
-from flexhinf.loop.controller.stop import LONGEST, Stop
+from flexhinf.loop.controller.stop import LONGEST
+from flexhinf.stops import Stop
 
 pytest.importorskip("yaml")
 pytestmark = [

@@ -15,7 +15,8 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export.realtime import RealTimeRun, check_log, log_columns, percentiles, write_log
+from flexhinf.export.realtime import RealTimeRun, percentiles
+from flexhinf.export.run_log import check_log, log_columns, write_log
 from flexhinf.loop import Loop
 from flexhinf.robot import MuJoCoPlant
 
@@ -45,7 +46,7 @@ def test_everything_is_logged(run: RealTimeRun) -> None:
         assert ("state", name, "rad/s") in found
     assert {("measured", "link_position", "rad"), ("reference", "link_position", "rad")} <= found
     assert {("input", "motor_voltage", "V"), ("disturbance", "link_torque", "N·m")} <= found
-    assert {"missed_deadline", "overrun", "at_limit", "code", "status"} == {
+    assert {"missed_deadline", "overrun", "at_limit", "code", "status", "stop"} == {
         n for k, n, _ in found if k == "flags"
     }
     assert ("timing", "lateness", "s") in found

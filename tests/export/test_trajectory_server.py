@@ -17,11 +17,12 @@ from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export import trajectory_server
+from flexhinf.export import protected, trajectory_server
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.ros_parameters import AtStart, check_at_start, goal_options, goal_parameters
 from flexhinf.export.trajectory_server import TrajectoryServer, measured_pose
+from flexhinf.loop import Start, Stop
 from flexhinf.robot import FollowCode, FollowGoal, MuJoCoPlant
 
 pytest.importorskip("mujoco")
@@ -160,7 +161,7 @@ def make(follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch) -> Callabl
         names = {"cmd_timeout": "timeout", "allow_partial_joints_goal": "partial"}
         for name in own:
             monkeypatch.setattr(one.follower, names.get(name, name), other.pop(name))
-        return ServedArm(workspace_controller(), **other)
+        return ServedArm(other.pop("controller", workspace_controller()), **other)
 
     return made
 
@@ -320,8 +321,7 @@ def test_options_of_goals_that_do_not_fit_change_nothing(name: str, value: float
     ("name", "value", "advice"),
     [
         ("speed_scaling_factor", 0.0, "speed_scaling_factor:=0.01"),
-        ("stop_ramp", 10.5, "stop_ramp:=0.5"),
-        ("stop_ramp", math.nan, "stop_ramp:=0.5"),
+        ("speed_scaling_factor", math.inf, "speed_scaling_factor:=0.01"),
     ],
 )
 def test_what_a_node_reads_when_it_begins_is_checked(name: str, value: float, advice: str) -> None:
@@ -346,44 +346,65 @@ def test_an_encoder_whose_plug_is_pulled_stops_the_arm(unplugged: list[int], mak
     one.run(5)
     assert not np.any(one.arm.inputs[before:])
     assert one.ended() == ("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)
-    assert unnamed(one.texts[one.number], one.server.measured[unplugged[0]], "10") == []
+    assert unnamed(one.texts[one.number], one.server.measured[unplugged[0]], "cables") == []
     assert not one.accepted()
     one.server.submit(one.prepared)
     assert one.server.ends()[0].code is FollowCode.PATH_TOLERANCE_VIOLATED
 
 
-def test_inputs_fall_along_the_ramp_and_the_arm_begins_again_at_rest(make: Any) -> None:
-    """As the plugin's after a fault, and as its next activation; a motor that is unplugged stops it again."""
-    one = make()
-    one.server.stop_ramp = 0.05
-    assert one.server.restart()
+def test_a_protective_stop_brakes_the_arm_which_begins_again_at_rest(make: Any) -> None:
+    """The goal ends as the stop begins, the drives slow the arm down and lose their power; restarts are refused before
+    that, with an encoder that is silent, off, or of an arm that moves."""
+    one = make(controller=protected(workspace_controller(), robot_of("planar-two-link"))[0])
+    assert "not stopped" in one.server.restart()
     one.goal(*MOVE)
     assert one.accepted()
     one.run(400)
     one.arm.unplugged = [2]
-    one.run(10)
-    last = one.arm.inputs[-1]
-    one.run(49)
-    assert one.ended()[0] == "aborted"
-    share = 1.0 - np.arange(1, 50) / 50.0
-    np.testing.assert_allclose(one.arm.inputs[-49:], share[:, None] * last, rtol=1e-9)
-    assert "0" in one.server.restart()
-    one.run(2)
-    assert not np.any(one.arm.inputs[-2:])
-    assert one.server.restart() == ""
     one.run(11)
-    assert one.server.stopped
-    one.run(60)
-    one.arm.unplugged = [0, 2]
-    assert unnamed(one.server.restart(), "pose", "shoulder") == []
-    one.arm.unplugged = []
+    assert one.ended() == ("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)
+    assert unnamed(one.server.stopped, "sensor", "motor_position_shoulder", "cables") == []
+    assert one.server.stepped.stop == Stop.SENSOR_LOST
+    assert "power" in one.server.restart()
+    begins = len(one.arm.inputs)
+    one.run(1100)
+    off = begins + np.flatnonzero(np.any(one.arm.inputs[begins:], axis=1))[-1] + 1
+    assert 50 < off - begins < 1100
+    speeds = np.diff(one.measured[off - 20 : off], axis=0) / PERIOD
+    assert np.abs(speeds).max() < 0.05
+    assert unnamed(one.server.restart(), "reading", "cables", "nan") == []
     pose = np.array((-0.6, 0.5))
-    one.arm.plant.reset(one.arm.robot.operating_point(pose)[0])
+    rest = one.arm.robot.operating_point(pose)[0]
+    one.arm.unplugged = []
+    x = rest.copy()
+    x[4] += 0.3
+    one.arm.plant.reset(x)
+    assert unnamed(one.server.restart(), "twist", "zeros") == []
+    one.arm.plant.reset(rest)
+    read, seen = one.arm.read, iter(np.linspace(0.0, 0.2, 60))
+    one.arm.read = lambda: read() + next(seen)
+    assert unnamed(one.server.restart(), "moves", "brakes") == []
+    one.arm.read = read
+    assert one.server.stopped
+    assert not np.any(one.arm.inputs[-1])
     assert one.server.restart() == ""
     one.run(300)
     np.testing.assert_allclose(one.measured[-300:], np.broadcast_to(pose, (300, 2)), atol=2e-3)
     one.goal([1.0], [GOAL])
     assert one.finished() == ("succeeded", 0)
+
+
+def test_a_robot_that_cannot_be_started_gets_no_input(make: Any) -> None:
+    """Beyond its range, as an encoder in degrees reads; what no second reading tells is said."""
+    controller = protected(workspace_controller(), robot_of("planar-two-link"))[0]
+    assert not make(controller=controller).server.start
+    arm = Arm()
+    read = arm.read
+    arm.read = lambda: 57.3 * read()
+    with refused_with(InvalidInput, "cannot be started", "range", "unit"):
+        TrajectoryServer(controller, arm.robot, arm)
+    assert arm.inputs == []
+    assert make().server.start == Start.NOT_CHECKED
 
 
 def test_the_compiled_controller_does_the_same(make: Any, tmp_path: Any) -> None:
@@ -398,7 +419,8 @@ def test_the_compiled_controller_does_the_same(make: Any, tmp_path: Any) -> None
     np.testing.assert_allclose(both[1], both[0], atol=1e-6 * np.abs(both[0]).max())
     for _ in range(100):
         one.server.sample(1.5 * PERIOD)
-    assert "BAD_PERIOD" in one.server.stopped
+    assert (one.server.step_code, one.server.stepped.stop) == ("BAD_PERIOD", Stop.WRONG_PERIOD)
+    assert unnamed(one.server.stopped, "period", "clock") == []
     assert np.array_equal(one.arm.inputs[-1], [0.0, 0.0])
 
 

@@ -258,7 +258,7 @@ def test_the_log_of_a_real_time_run_is_read_in_every_format(ending: str, tmp_pat
     for package in {"parquet": ("pyarrow",), "mcap": ("mcap", "zstandard")}.get(ending, ()):
         pytest.importorskip(package)
     arm = fh.paper_arm()
-    from flexhinf.export.realtime import write_log
+    from flexhinf.export import write_log
 
     pytest.importorskip("mujoco")
     from flexhinf.robot import MuJoCoPlant

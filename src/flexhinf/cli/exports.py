@@ -101,7 +101,9 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     if o.narrower is not None:
         controller = export.narrowed(controller, o.narrower)
         note("Limits of inputs are narrower than those that the requirements were judged with.")
-    if o.check_measurements and controller.estimator is not None:  # true states are believed
+    if not o.check_measurements:
+        controller = controller.fresh(measurement_limits=None, protection=None)
+    elif controller.estimator is not None:  # true states are believed
         speeds = None if robot is None or s is None else joint_limits(robot, s).speed
         try:
             controller, unchecked = export.protected(controller, robot, speeds)

@@ -321,7 +321,8 @@ class ExportCOptions(MachineOptions):
     check_measurements: bool = option(True, TARGET,
         "Whether a measurement counts as missing, and is counted, that is beyond what the joint's range, its speed and "
         "the largest input allow. The speed is twice its speed_limit in the robot file or the design's --peak-speed; "
-        "else it follows of voltage and back-EMF. Where a sensor has no limit, none is checked, and a note says so.")
+        "else it follows of voltage and back-EMF. Where a sensor has no limit, none is checked, and a note says so. "
+        "Without it, only silent sensors, a wrong period and steps that fail stop the robot.")
     feedforward: bool = option(False, WRITTEN,
         "Export commands along a streamed path instead, without feedback: DESIGN is then a robot, by name or file.")
     path: Text = option("", WRITTEN,

@@ -41,7 +41,7 @@ IDLE = {
 
 
 def run_node(context: typer.Context, o: options.RunDesignOptions, path: Path) -> int:
-    """Run the node until Ctrl-C, a fault or the end of the duration; returns the exit code."""
+    """Run the node until Ctrl-C, a stop without ~/restart or the end of the duration; returns the exit code."""
     import numpy as np
 
     from flexhinf import export
@@ -49,7 +49,7 @@ def run_node(context: typer.Context, o: options.RunDesignOptions, path: Path) ->
     from flexhinf.design.deployed_run import perturbed
     from flexhinf.design.simulated_robot import SimulatedRobot
     from flexhinf.export.compiled_follower import checked_follower
-    from flexhinf.export.controller_c import MISSING_LIMIT, code_of
+    from flexhinf.export.controller_c import code_of
     from flexhinf.export.ros_node import node_name, ros_packages, run_ros
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
     from flexhinf.robot.parts import file_warnings
@@ -83,7 +83,6 @@ def run_node(context: typer.Context, o: options.RunDesignOptions, path: Path) ->
             core=o.core,
             watch=None if viewer is None else viewer.show,
             ready=_tell,
-            longest_unseen=MISSING_LIMIT + hardware.longest_gap,
         )
     for text in run.scheduling:
         typer.echo(text)
@@ -109,3 +108,5 @@ def _tell(node: RosNode) -> None:
         if node.can_restart
         else f"after a fault: the end; std_srvs, which {name}/restart needs, is not installed"
     )
+    if node.server.start:
+        typer.echo(f"start: {node.server.start}; {node.server.start.look}")

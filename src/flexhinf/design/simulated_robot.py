@@ -61,11 +61,6 @@ class SimulatedRobot:
         noises = plants.noise if noise else None
         return cls(box, loop, noises, specification.seed, x[: len(box.states)], u)
 
-    @property
-    def longest_gap(self) -> int:
-        """Samples from one measurement of a sensor to the next."""
-        return max(self._channel.periods, default=1)
-
     def read(self) -> np.ndarray:
         """The measurement (p,), NaN where a sensor gives nothing; once for each input that is written."""
         k, channel = self._samples, self._channel

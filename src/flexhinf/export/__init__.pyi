@@ -15,13 +15,7 @@ from .package import (
     write_files as write_files,
 )
 from .protection import protected as protected
-from .realtime import (
-    RealTimeRun as RealTimeRun,
-    Timing as Timing,
-    check_log as check_log,
-    run_realtime as run_realtime,
-    write_log as write_log,
-)
+from .realtime import RealTimeRun as RealTimeRun, Timing as Timing, run_realtime as run_realtime
 from .refusals import (
     check_limits as check_limits,
     check_room as check_room,
@@ -30,3 +24,4 @@ from .refusals import (
     refuse_unlimited as refuse_unlimited,
 )
 from .ros_node import RosRun as RosRun, run_ros as run_ros
+from .run_log import check_log as check_log, write_log as write_log

@@ -29,6 +29,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.export.programs import accepts, required_compiler, run
 from flexhinf.files import check_replaceable, write_file
+from flexhinf.starts import Start
 from flexhinf.stops import Stop
 from flexhinf.validation import (
     checked_path,
@@ -315,11 +316,8 @@ class CompiledController:
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
         self._kept = (self._state, self._r, self._u, self.estimate)  # what copies and pickles hold
-        self._fresh, self._acts, self.stop = (
-            np.zeros(len(self.measured), dtype=np.intc),
-            self._u.copy(),
-            Stop(0),
-        )
+        self._fresh, self._acts = np.zeros(len(self.measured), dtype=np.intc), self._u.copy()
+        self.stop, self.start_reasons = Stop(0), Start(0)
         state, y, fresh, r, u, estimate = (
             ctypes.c_void_p(array.ctypes.data)
             for array in (self._state, self._y, self._fresh, self._r, self._u, self.estimate)
@@ -339,7 +337,11 @@ class CompiledController:
             power = self._library.flexhinf_may_act(state, code, acts, ctypes.byref(reasons))
             return bool(power), reasons.value
 
-        self._run, self._begin, self._decide = run, begin, decide
+        def look() -> tuple[int, int]:
+            code = self._library.flexhinf_at_rest(state, y, ctypes.byref(reasons))
+            return code, reasons.value
+
+        self._run, self._begin, self._decide, self._look = run, begin, decide, look
         self.reset()
 
     def step(
@@ -388,6 +390,15 @@ class CompiledController:
     def output(self) -> np.ndarray:
         """The input (m,) that acts after `may_act`."""
         return self._acts.copy()
+
+    def at_rest(self, y: Numbers) -> bool:
+        """As `Controller.at_rest`; `start_reasons` says what it found."""
+        self._fill(
+            self._y, np.full(len(self.measured), np.nan) if y is None else y, "measurement", self.measured
+        )
+        code, reasons = self._look()
+        self.start_reasons = Start(reasons)
+        return self.code_numbers.get(code) == "OK"
 
     def _fill(self, place: np.ndarray, numbers: Numbers, what: str, names: tuple[str, ...]) -> None:
         try:
@@ -462,7 +473,7 @@ class CompiledController:
         )
         self._r[: len(self.commanded)] = self._operating_reference
         self.estimate[:] = 0.0
-        self.code, self.stop = "OK", Stop(0)
+        self.code, self.stop, self.start_reasons = "OK", Stop(0), Start(0)
 
     # Copies and pickles: the library's path, and what is remembered ---------------------------------------
     def __getstate__(self) -> _Copied:
@@ -512,40 +523,16 @@ MARK = b"flexhinf library 3: instructions, then what it is\n"
 #: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
 #: that says so, and LLVM's name without points.
 INSTRUCTIONS = {
-    "__SSE3__": "sse3",
-    "__SSSE3__": "ssse3",
-    "__SSE4_1__": "sse41",
-    "__SSE4_2__": "sse42",
-    "__POPCNT__": "popcnt",
-    "__AVX__": "avx",
-    "__AVX2__": "avx2",
-    "__FMA__": "fma",
-    "__FMA4__": "fma4",
-    "__XOP__": "xop",
-    "__TBM__": "tbm",
-    "__BMI__": "bmi",
-    "__BMI2__": "bmi2",
-    "__LZCNT__": "lzcnt",
-    "__MOVBE__": "movbe",
-    "__F16C__": "f16c",
-    "__GFNI__": "gfni",
-    "__AVX512F__": "avx512f",
-    "__AVX512CD__": "avx512cd",
-    "__AVX512DQ__": "avx512dq",
-    "__AVX512BW__": "avx512bw",
-    "__AVX512VL__": "avx512vl",
-    "__AVX512IFMA__": "avx512ifma",
-    "__AVX512VBMI__": "avx512vbmi",
-    "__AVX512VBMI2__": "avx512vbmi2",
-    "__AVX512VNNI__": "avx512vnni",
-    "__AVX512BITALG__": "avx512bitalg",
-    "__AVX512VPOPCNTDQ__": "avx512vpopcntdq",
-    "__AVX512BF16__": "avx512bf16",
-    "__AVX512FP16__": "avx512fp16",
-    "__APX_F__": "apxf",
-    "__ARM_FEATURE_SVE": "sve",
-    "__ARM_FEATURE_SVE2": "sve2",
-}
+    "__SSE3__": "sse3", "__SSSE3__": "ssse3", "__SSE4_1__": "sse41", "__SSE4_2__": "sse42",
+    "__POPCNT__": "popcnt", "__AVX__": "avx", "__AVX2__": "avx2", "__FMA__": "fma", "__FMA4__": "fma4",
+    "__XOP__": "xop", "__TBM__": "tbm", "__BMI__": "bmi", "__BMI2__": "bmi2", "__LZCNT__": "lzcnt",
+    "__MOVBE__": "movbe", "__F16C__": "f16c", "__GFNI__": "gfni", "__AVX512F__": "avx512f",
+    "__AVX512CD__": "avx512cd", "__AVX512DQ__": "avx512dq", "__AVX512BW__": "avx512bw",
+    "__AVX512VL__": "avx512vl", "__AVX512IFMA__": "avx512ifma", "__AVX512VBMI__": "avx512vbmi",
+    "__AVX512VBMI2__": "avx512vbmi2", "__AVX512VNNI__": "avx512vnni", "__AVX512BITALG__": "avx512bitalg",
+    "__AVX512VPOPCNTDQ__": "avx512vpopcntdq", "__AVX512BF16__": "avx512bf16", "__AVX512FP16__": "avx512fp16",
+    "__APX_F__": "apxf", "__ARM_FEATURE_SVE": "sve", "__ARM_FEATURE_SVE2": "sve2",
+}  # fmt: skip
 
 #: Linux's names for some of them.
 OF_LINUX = {"pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "apx": "apxf"}

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
 from types import MappingProxyType
@@ -42,7 +41,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
 from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.export.contract import CODES, unlimited_inputs
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.names import (
@@ -63,12 +62,12 @@ from flexhinf.loop.controller.options import holding_function
 from flexhinf.loop.controller.protection import LOOK
 from flexhinf.loop.controller.readings import believed_readings
 from flexhinf.loop.controller.signs import PAUSES as TOO_MANY, SIGNS
+from flexhinf.loop.controller.starting import standstill_of, starts_anywhere
 from flexhinf.loop.controller.status import WATCHED, possible_status
 from flexhinf.loop.controller.stop import (
     stop_size,
 )
 from flexhinf.plant import known, rcond_limit
-from flexhinf.plant.joints import standstill_function
 from flexhinf.scalars import drop_empty, maximum, trace
 from flexhinf.stops import STOPS, Stop
 from flexhinf.validation import unknown_name
@@ -455,10 +454,7 @@ class ControllerCode:
     @cached_property
     def standstill(self) -> casadi.Function | None:
         """(q, parameters) → state and input at rest at q, as a CasADi function; None without such a model."""
-        estimator = self.controller.estimator
-        if estimator is None or not self.starts_anywhere or not estimator.plant.parameters.size:
-            return None
-        return standstill_function(estimator.plant)
+        return standstill_of(self.controller.estimator)
 
     @property
     def rests(self) -> bool:
@@ -495,12 +491,7 @@ class ControllerCode:
     @cached_property
     def starts_anywhere(self) -> bool:
         """Whether the belief about another state is the initial one with another mean."""
-        estimator = self.controller.estimator
-        if estimator is not None:
-            with suppress(InvalidInput):
-                other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
-                return all(map(np.array_equal, other[1:], estimator.initial[1:]))
-        return False
+        return starts_anywhere(self.controller.estimator)
 
 
 #: Header and source of a controller.

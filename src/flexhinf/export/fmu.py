@@ -21,8 +21,8 @@ from flexhinf.export.refusals import check_limits
 from flexhinf.export.rendering import names_in
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
-from flexhinf.loop.controller.stop import Stop
 from flexhinf.plant import Plant, sub_steps
+from flexhinf.stops import Stop
 from flexhinf.validation import real_array, value_text
 
 

@@ -2,27 +2,19 @@
 
 A sample sleeps until shortly before it is due and then watches the clock. Meanwhile there is no garbage collection, and
 where the system permits it the process has a real-time priority and a core of its own. `Timing` has the times.
-
-The log of a run is CSV or Parquet, as PlotJuggler opens them, or MCAP, as Foxglove does too. Columns are named
-``state/link_position[rad]``: PlotJuggler makes a tree of the slashes and splits a header at commas and spaces, so names
-have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic, whose schema has units.
 """
 
-# Not checked strictly: pyarrow has no types; a caller may pass another type than stated.
-# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportUnknownVariableType=false, reportUnnecessaryIsInstance=false
+# Not checked strictly: a caller may pass another type than stated.
+# pyright: reportUnnecessaryIsInstance=false
 
 from __future__ import annotations
 
 import copy
 import ctypes
 import gc
-import importlib.util
-import json
 import os
 import signal
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -30,21 +22,19 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.arrays import Numbers
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
-from flexhinf.files import write_file
-from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop import Controller, Loop, Stop, Trajectory
 from flexhinf.loop.signals.references import SignalLike
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
-from flexhinf.validation import checked_path, install_advice, value_text
+from flexhinf.validation import value_text
 
 #: Percentiles by which jitter is told; the last one is the largest value.
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "p99.99": 99.99, "max": 100.0}
@@ -165,8 +155,12 @@ class RealTimeRun:
         When the first sample was due, ns since 1970.
     input_range : ((m,), (m,))
         Lower and upper limits of the inputs, infinite where there are none.
+    stops : (N,) array of int
+        Bits of `flexhinf.loop.Stop` after each step: why the drives may not act.
+    powered : (N,) array of bool
+        Whether they had power then; without it the run ends.
     stopped : int or None
-        The signal that ended the run before its time; 0 where `watch` did; None for a run that came to its end.
+        The signal that ended the run before its time; 0 where `watch` did; None for another end.
     scheduling : tuple of str
         What the system permitted, in sentences.
     """
@@ -175,11 +169,31 @@ class RealTimeRun:
     timing: Timing
     codes: np.ndarray
     status: np.ndarray
+    stops: np.ndarray
+    powered: np.ndarray
     code_names: dict[int, str]
     began: int
     input_range: tuple[np.ndarray, np.ndarray]
     stopped: int | None
     scheduling: tuple[str, ...]
+
+    @property
+    def stop(self) -> Stop:
+        """Why a protective stop began; no reason where none did."""
+        return Stop(int(self.stops[-1]) if len(self.stops) else 0)
+
+    @property
+    def stop_text(self) -> str:
+        """When a protective stop began and why, when the power went, and what to look at; "" without one."""
+        if not self.stop:
+            return ""
+        time = self.trajectory.time
+        began, off = (float(time[np.argmax(which)]) for which in (self.stops > 0, ~self.powered))
+        power = "they still have power" if self.powered.all() else f"they have no power from {off:g} s on"
+        return (
+            f"A protective stop began at {began:g} s: {self.stop}. Expected drives that may act to the end, got "
+            f"{', '.join(str(bit.name) for bit in Stop if bit in self.stop)}, and {power}. Look at: {self.stop.look}."
+        )
 
 
 def run_realtime(
@@ -203,8 +217,10 @@ def run_realtime(
 ) -> RealTimeRun:
     """Run a loop at the period of its controller on the wall clock.
 
-    The signals are those of `Loop.run`; only the times are measured. Ctrl-C (or SIGTERM, SIGHUP) in the main thread
-    ends the run after the sample that is being made, and what was recorded is returned; a second Ctrl-C interrupts.
+    The signals are those of `Loop.run`, but that `Controller.may_act` is asked after each step and `Controller.output`
+    acts: where the drives lose their power, the run ends, see `RealTimeRun.stop_text`. Ctrl-C (or SIGTERM, SIGHUP) in
+    the main thread ends it after the sample that is being made, and what was recorded is returned; a second Ctrl-C
+    interrupts.
 
     Parameters
     ----------
@@ -261,7 +277,8 @@ def run_realtime(
     run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": clock.name})
     count = len(run.time)
     return RealTimeRun(
-        run, clock.timing(run.time), clock.codes[:count], clock.status[:count], clock.code_names, clock.began,
+        run, clock.timing(run.time), clock.codes[:count], clock.status[:count], clock.stops[:count],
+        clock.powered[:count], clock.code_names, clock.began,
         (loop.controller.limits.lower, loop.controller.limits.upper),
         clock.stopped if count < samples and not run.message else None, scheduling,
     )  # fmt: skip
@@ -306,16 +323,18 @@ class _Clock:
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
         self._numbers = {name: number for number, name in self.code_names.items()}
-        self._step, self._k, self._first = self._stepped.step, 0, 0
+        self._k, self._first = 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
-        self.codes, self.status = np.full((2, samples), 0)
+        self.codes, self.status, self.stops = np.full((3, samples), 0)
+        self.powered = np.full(samples, True)
         self.request: list[int] = []
         self.began, self.stopped = 0, None
         self.reset()
 
     def reset(self) -> None:
         self._stepped.reset(**self._start)
+        self._may_act = True
 
     estimate: np.ndarray = property(attrgetter("_stepped.estimate"))  # pyright: ignore[reportAssignmentType]
     path_rate: float = property(attrgetter("_stepped.path_rate"))  # pyright: ignore[reportAssignmentType]
@@ -325,6 +344,7 @@ class _Clock:
         """Return when sample k is due; False where the run is to end."""
         if self.request:
             self.stopped = self.request[0]
+        if self.request or not self._may_act:
             return False
         self._k, now = k, time.perf_counter_ns
         if k == 0:
@@ -336,12 +356,15 @@ class _Clock:
 
     def step(self, y: Numbers, reference: Numbers) -> np.ndarray:
         start = time.perf_counter_ns()
-        u = self._step(y, reference)
+        self._stepped.step(y, reference)
+        self._may_act = self._stepped.may_act()
+        u = self._stepped.output
         end, k = time.perf_counter_ns(), self._k
         self._computed[k], self._ready[k] = end - start, end
         if isinstance(self._stepped, CompiledController):
             self.codes[k] = self._numbers[self._stepped.code]
-        self.status[k] = int(self._stepped.status)
+        self.status[k], self.stops[k] = int(self._stepped.status), int(self._stepped.stop)
+        self.powered[k] = self._may_act
         return u
 
     def end(self, k: int) -> None:
@@ -429,172 +452,3 @@ def undisturbed(priority: int | None, core: int | None) -> Generator[tuple[str, 
     undo.callback(gc.unfreeze)
     with undo:
         yield tuple(texts)
-
-
-# The log of a run -----------------------------------------------------------------------------------
-#: The first part of a column's name, and its topic, where they are not the kind of the trajectory's signal.
-KINDS = {"output": "measured"}
-
-#: An input that is nearer than this to a limit, relative to its size, is at it.
-AT_LIMIT = 1e-9
-
-
-class LogColumn(NamedTuple):
-    """One signal: its kind, name and unit, and its values (N,)."""
-
-    kind: str
-    name: str
-    unit: str
-    values: np.ndarray
-
-    @property
-    def label(self) -> str:
-        """Its name in a table."""
-        unit = self.unit.replace("/", "_per_").replace(" ", "_")
-        name = self.name.replace(",", ";").replace(" ", "_").replace('"', "'")
-        return f"{self.kind}/{name}" + (f"[{unit}]" if unit else "")
-
-
-def log_columns(run: RealTimeRun) -> list[LogColumn]:
-    """Everything that is logged: signals of the trajectory, flags, times of the samples.
-
-    Flags are 0 or 1: ``missed_deadline`` and ``overrun`` as `Timing` has them, ``at_limit`` where an input is as large
-    as it may be; ``code`` is how the controller's step ended, 0 for OK.
-    """
-    trajectory, timing = run.trajectory, run.timing
-    u, (low, high) = trajectory.signals["input"], run.input_range
-    with np.errstate(invalid="ignore"):  # an infinite limit is reached by nothing: ∞ − ∞ is NaN
-        limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
-    flags = {
-        "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
-        "status": run.status,
-    }  # fmt: skip
-    times = {
-        "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,
-    }  # fmt: skip
-    return [
-        *(
-            LogColumn(KINDS.get(kind, kind), *column)
-            for kind, values in trajectory.signals.items()
-            for column in zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
-        ),
-        *(LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()),
-        *(LogColumn("timing", name, "s", values) for name, values in times.items()),
-    ]
-
-
-def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
-    table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
-    for column in log_columns(run):
-        label, count = column.label, 2
-        while label in table:
-            label, count = f"{column.label}_{count}", count + 1
-        table[label] = column.values
-    return table
-
-
-def _write_csv(run: RealTimeRun, name: str) -> None:
-    table = _table(run)
-    np.savetxt(
-        name, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="", encoding="utf-8"
-    )  # fmt: skip
-
-
-def _write_parquet(run: RealTimeRun, name: str) -> None:
-    from pyarrow import parquet, table
-
-    # compressed by snappy, which every reader has
-    parquet.write_table(table(_table(run)).replace_schema_metadata(_settings(run)), name)
-
-
-def _write_mcap(run: RealTimeRun, name: str) -> None:
-    """One topic for each kind of signal; times are those of the run after the moment when it began."""
-    from mcap.writer import Writer
-
-    columns: dict[str, list[LogColumn]] = {}
-    for column in log_columns(run):
-        columns.setdefault(column.kind, []).append(column)
-    with open(name, "wb") as file:
-        writer = Writer(file)
-        writer.start(profile="", library="flexhinf")
-        channels = dict[str, int]()
-        for kind, group in columns.items():
-            properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
-            schema = writer.register_schema(
-                f"flexhinf.{kind}",
-                "jsonschema",
-                json.dumps({"type": "object", "properties": properties}).encode(),
-            )
-            channels[kind] = writer.register_channel(f"/{kind}", "json", schema)
-        for k, at in enumerate(run.trajectory.time.tolist()):
-            moment = run.began + round(1e9 * at)
-            for kind, group in columns.items():
-                # numbers that are not finite have no JSON
-                finite = {c.name: float(c.values[k]) for c in group if np.isfinite(c.values[k])}
-                writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
-        writer.add_metadata("flexhinf run", _settings(run))
-        writer.finish()
-
-
-def _settings(run: RealTimeRun) -> dict[str, str]:
-    ended = "completed" if run.stopped is None else "stopped before its end"
-    settings = {
-        **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(run.code_names),
-        "began_ns_since_1970": run.began,
-    }  # fmt: skip
-    return {key: str(value) for key, value in settings.items()}
-
-
-#: How a log is written, by its ending, and the packages that this needs.
-FORMATS: dict[str, tuple[Callable[[RealTimeRun, str], None], tuple[str, ...]]] = {
-    ".csv": (_write_csv, ()), ".parquet": (_write_parquet, ("pyarrow",)), ".mcap": (_write_mcap, ("mcap", "zstandard")),
-}  # fmt: skip
-
-
-def check_log(path: str | os.PathLike[str]) -> Path:
-    """Refuse, before any work, a log that could not be written at its end.
-
-    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
-    """
-    path = checked_path("The log", path)
-    csv = f"--log {path.stem or 'run'}.csv"
-    refuse_if(
-        path.suffix not in FORMATS,
-        "The format of the log is not known.",
-        f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
-        csv,
-    )
-    missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
-    refuse_if(
-        missing,
-        f"A log in {path.suffix[1:]} needs another package.",
-        f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
-        f"{install_advice('log')}; or {csv}",
-    )
-    return check_place(path, "log")
-
-
-def check_place(path: Path, what: str) -> Path:
-    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
-    try:
-        if path.is_dir():
-            raise OSError("there is a folder of this name")
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except (OSError, ValueError) as error:
-        raise InvalidInput(
-            f"The {what} cannot be written.",
-            f"{path}: {getattr(error, 'strerror', None) or error}",
-            "a writable folder that exists",
-        ) from error
-    return path
-
-
-def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
-    """Write a run to a file, whole or not at all; its ending says the format, see `FORMATS`.
-
-    Raises InvalidInput: as `check_log`.
-    """
-    path = check_log(path)
-    write_file(path, "log", lambda name: FORMATS[path.suffix][0](run, name))
-    return path

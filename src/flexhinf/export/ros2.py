@@ -16,11 +16,10 @@ from flexhinf.export.follow import REASONS, TEXTS, follower_of
 from flexhinf.export.ros2_description import Commanded, Measured, description_values, initial_values
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
-from flexhinf.loop.controller.protection import STOPS
-from flexhinf.loop.controller.stop import Stop
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import coupling_of, joint_places
 from flexhinf.robot.parameters import per_joint
+from flexhinf.stops import STOPS, Stop
 
 #: Interfaces of a joint by the quantity of a signal: on the link's side those that ros2_control knows, on the motor's
 #: side names of our own.

@@ -14,13 +14,13 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
 from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
-from flexhinf.export.controller_c import MISSING_LIMIT
 from flexhinf.export.names import identifier_of
 from flexhinf.export.realtime import stopping, undisturbed, wait_until
 from flexhinf.export.ros_messages import (
@@ -163,12 +163,13 @@ class RosNode:
             self.node.destroy_node()
             ros["rclpy"].shutdown(context=self.context)
             raise
+        if server.start:
+            self.node.get_logger().warning(f"{server.start}: {server.start.look}")
         self._clock = clock or (lambda: int(self.node.get_clock().now().nanoseconds))
         self._states = self.node.create_publisher(ros["sensor_msgs.msg"].JointState, "joint_states", DEPTH)
         self.node.create_subscription(
             ros["trajectory_msgs.msg"].JointTrajectory, "~/joint_trajectory", self._receive, DEPTH
         )
-        server.stop_ramp = self._at_start.stop_ramp
         self._trigger: type | None = trigger or getattr(ros.get("std_srvs.srv"), "Trigger", None)
         self._pending_restart: _Restart | None = None
         if self._trigger is not None:
@@ -277,9 +278,8 @@ class RosNode:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.server.stop("the node has ended")
         try:
-            self.server.release()
+            self.server.stop("the node has ended")
         finally:
             self._close()
 
@@ -507,16 +507,16 @@ def run_ros(
     core: int | None = None,
     watch: Callable[[], bool] | None = None,
     ready: Callable[[RosNode], None] | None = None,
-    longest_unseen: int = MISSING_LIMIT,
 ) -> RosRun:
     """Run a controller as a ROS 2 node that follows trajectories, until Ctrl-C or the end of `duration`.
 
-    Each period `hardware` is read, the controller steps, and its input is written. Where a sample is late, the next
-    one is due a period after it. A fault stops the robot: its inputs fall to 0 in the parameter ``stop_ramp`` (those of
-    drives that take positions stay), and the goal ends with −4; so does the end of the node, at once. After a fault the
-    node waits for ``~/restart``, which begins again at rest at the measured pose; where std_srvs, which that needs, is
-    not installed, it ends. Tolerances and times of goals that state none are parameters of the node, which may be set
-    while no trajectory is followed.
+    First `hardware` is read for 50 ms, and nothing is written: a robot that does not rest where its controller can
+    begin is refused, see `Controller.at_rest`. Then it is read each period, the controller steps, and what
+    `Controller.may_act` lets act is written. Where a sample is late, the next one is due a period after it. A
+    protective stop ends the goal with −4, and drives without power get 0 (those that take positions the last input) for
+    as long as the node goes on; so does the end of the node, at once. After a stop the node waits for ``~/restart``,
+    which begins again as above; where std_srvs, which that needs, is not installed, it ends. Tolerances and times of
+    goals that state none are parameters of the node, which may be set while no trajectory is followed.
 
     Parameters
     ----------
@@ -541,11 +541,9 @@ def run_ros(
         As for `flexhinf.run_realtime`.
     ready : callable, optional
         Called with the node when its topics are there.
-    longest_unseen : int
-        Samples that a sensor may be silent for.
 
     Raises InvalidInput: without ROS 2 or a C compiler; for a controller of one pose; a library of another controller;
-    a pose that is not known; or where read() returns another number of measurements.
+    a pose that is not known; a robot that cannot be started; or where read() returns another number of measurements.
 
     Examples
     --------
@@ -561,9 +559,8 @@ def run_ros(
     ...     return fh.run_ros(design.controller(), design.robot, Drives())
     """
     ros_packages()
-    server = TrajectoryServer(
-        controller, robot, hardware, library=library, pose=pose, longest_unseen=longest_unseen
-    )
+    wait = partial(time.sleep, controller.period) if timed and real_time else None
+    server = TrajectoryServer(controller, robot, hardware, library=library, pose=pose, wait=wait)
     period, late, passes = server.period, 0, 0
     most = None if duration is None else round(duration / period)
     frame = max(1, round(1.0 / 30.0 / period))

@@ -16,18 +16,13 @@ ANY = 1e9
 #: Longest stop time, s.
 LONGEST_STOP = 1e6
 
-#: Longest ramp of the inputs after a fault, s.
-LONGEST_RAMP = 10.0
-
 
 class AtStart(NamedTuple):
     """What a node reads when it begins: a topic with the fraction of its speed with which a trajectory is followed,
-    where there is one; the factor from its numbers to the fraction; and the time in which inputs fall to 0 after a
-    fault, s."""
+    where there is one, and the factor from its numbers to the fraction."""
 
     speed_scaling_topic: str = ""
     speed_scaling_factor: float = 1.0
-    stop_ramp: float = 0.0
 
 
 def goal_parameters(follower: Follower) -> dict[str, bool | float]:
@@ -88,11 +83,4 @@ def check_at_start(stated: AtStart) -> None:
         "The factor of the speed scaling does not fit.",
         f"expected a number above 0, got {factor!r}",
         "speed_scaling_factor:=0.01, for a topic with percent",
-    )
-    ramp = float(stated.stop_ramp)
-    refuse_if(
-        not 0.0 <= ramp <= LONGEST_RAMP,
-        "The ramp after a fault does not fit.",
-        f"expected seconds from 0 to {LONGEST_RAMP:g}, got {ramp!r}",
-        "stop_ramp:=0.5",
     )

@@ -11,7 +11,7 @@ from flexhinf.codegen.naming import distinct
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.trajectory_server import TrajectoryServer
 from flexhinf.loop import Status
-from flexhinf.loop.controller.stop import Stop
+from flexhinf.stops import Stop
 
 #: Numbers of the published health before the bits of the status and the reasons of a stop.
 HEALTH = (

@@ -11,25 +11,14 @@ import numpy as np
 from markupsafe import Markup
 
 from flexhinf.codegen.c import Real, Translator, constant
-from flexhinf.loop.controller.protection import LOOK
-from flexhinf.loop.controller.readings import Readings
 from flexhinf.loop.controller.signs import SIGNS
-from flexhinf.loop.controller.slowing import voters_of
-from flexhinf.loop.controller.stop import (
-    FAILED,
-    StopState,
-    decided,
-    first_stop,
-    stop_numbers,
-    stop_size,
-)
-from flexhinf.scalars import trace
+from flexhinf.loop.controller.starting import is_checkable, look_samples
+from flexhinf.loop.controller.stop import FAILED, StopState, decision, first_stop, possible_stops, stop_size
 from flexhinf.stops import Stop
 
 if TYPE_CHECKING:
     import casadi
 
-    from flexhinf.arrays import Elements
     from flexhinf.loop import Controller
 
 #: Arguments and results of `StopCode.deciding` in C.
@@ -75,8 +64,7 @@ class StopCode:
     @property
     def is_checkable(self) -> bool:
         """Whether each motor's encoder has a second reading that tells whether its place is true."""
-        watch = self.code.controller.mode.protected
-        return watch is not None and bool(watch.pairs) and not watch.alone
+        return is_checkable(self.code.controller)
 
     @property
     def starting(self) -> dict[str, object]:
@@ -87,7 +75,7 @@ class StopCode:
             self.code.controller.protection,
             self.code.controller.mode.protected,
         )
-        samples = 1 + max(1, round(LOOK / c.period))
+        samples = look_samples(c.period)
         if protection is None or watch is None:
             return {"samples": samples, "pairs": ()}
         states, links = (
@@ -112,36 +100,13 @@ class StopCode:
     @property
     def reasons(self) -> tuple[Stop, ...]:
         """Reasons that may stop the robot."""
-        always = (Stop.WRONG_PERIOD, Stop.STEP_FAILED, Stop.SENSOR_LOST)
-        return tuple(Stop) if self.code.controller.protection else always
+        return possible_stops(self.code.controller)
 
     @cached_property
     def deciding(self) -> casadi.Function:
         """(what a stop remembers, reasons, u, what holds the robot, readings, category, parameters) → the input that
         acts, and what is remembered then, as a CasADi function."""
-        c = self.code.controller
-        drive, numbers = stop_numbers(c)
-        first, m = first_stop(np.asarray(c.input_before())), self.code.sizes["u"]
-        sizes = [np.size(part) for part in first]
-        ends = np.cumsum(sizes).tolist()
-
-        def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
-            flags, u, hold, readings, category, data = others
-            table = np.reshape(readings, (len(Readings._fields), -1)) if c.protection else None
-            limits = c.data.named(data)
-            parts = StopState(*(kept[end - size : end] for size, end in zip(sizes, ends)))
-            before, flags = (
-                np.array([flag if bit in self.reasons else 0.0 for bit, flag in zip(Stop, row)])
-                for row in (parts.reasons, flags)
-            )
-            now = numbers._replace(lower=limits.lower, upper=limits.upper)
-            parts = parts._replace(reasons=before)
-            acts, after = decided(drive, parts, flags, u, hold, table, voters_of(c), category[0], now)
-            return acts, np.concatenate(after)
-
-        readings = c.memory.places.get("readings", slice(0, 1))
-        count = readings.stop - readings.start
-        return trace(decide, ends[-1], len(Stop), m, m, count, 1, self.code.sizes["data"], name="decided")
+        return decision(self.code.controller)
 
     @property
     def deciding_values(self) -> dict[str, object]:

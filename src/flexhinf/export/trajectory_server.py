@@ -1,7 +1,7 @@
 """A controller that follows trajectories as they come, sample by sample; messages are carried by others.
 
 What happens is decided by ``NAME_follow`` of the export: splines, tolerances, cancel, replacement, and how goals end.
-Here is what goes on around it: the controller's step, and what stops the robot.
+Here is what goes on around it: the start, the controller's step, and what its `may_act` lets act.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import copy
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, Protocol
@@ -17,26 +18,21 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from flexhinf.arrays import Numbers, Vector
-from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
-from flexhinf.export.controller_c import MISSING_LIMIT, code_of
+from flexhinf.export.controller_c import code_of
 from flexhinf.export.follow import REASONS, TEXTS
 from flexhinf.export.realtime import check_library
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Start
+from flexhinf.loop.controller.protection import LONGEST_UNSEEN
 from flexhinf.robot import FollowCode, FollowGoal, Robot
 from flexhinf.robot.follower import Follower
 from flexhinf.robot.signals import signal_names
 from flexhinf.validation import real_array
 
-#: Codes of a compiled step after which it computes nothing that moves a robot.
-FATAL = ("WENT_BACK", "STOPPED", "BAD_PERIOD")
-
 #: Velocity of a commanded joint that rests, rad/s or m/s.
 RESTING = 1e-9
-
-#: Share of the inputs, of a ramp that is over but for rounding.
-ROUNDING = 1e-9
 
 #: Passes in which the pose is found from motors whose springs the weight twists: as in the plugin of ros2_control.
 PASSES = 50
@@ -94,21 +90,21 @@ class TrajectoryServer:
         Steps instead of the controller, of which it was compiled.
     pose : (n,), optional
         Link positions where the robot rests, rad or m; by default they are found from what is read.
-    longest_unseen : int
-        Samples that a sensor may be silent for.
+    wait : callable, optional
+        Wait for the next reading before the start; by default there is one at once.
 
     Attributes
     ----------
     motion : ArmMotion
         Of the last sample.
+    start : Start
+        What nothing told before the start.
     stopped : str
-        Why the robot was stopped; empty while it is not.
+        Why the robot stops or was stopped, and what to look at; empty while it does not.
     is_released : bool
-        Whether the inputs of a robot that was stopped have fallen to 0.
-    stop_ramp : float
-        Time in which they do so, s; 0: at once. It may be set, as `speed` may.
+        Whether its drives have no power any more: inputs are those of `Controller.output` then.
     stepped : Controller or CompiledController
-        What steps. `step_code` is how the last step ended, as the C says it.
+        What steps, and decides what may act. `step_code` is how the last step ended, as the C says it.
     input, measurement, unseen : (m,), (p,), (p,)
         Of the last sample, and for how many samples each sensor has been silent.
     late_samples : int
@@ -118,7 +114,7 @@ class TrajectoryServer:
         from any thread.
 
     Raises InvalidInput: for a controller that follows no trajectories, a library of another one, without a C compiler,
-    or where the pose is neither stated nor measured.
+    where the pose is neither stated nor measured, or for a robot that does not rest where it can be started.
     """
 
     def __init__(
@@ -129,10 +125,14 @@ class TrajectoryServer:
         *,
         library: CompiledController | None = None,
         pose: Numbers = None,
-        longest_unseen: int = MISSING_LIMIT,
+        wait: Callable[[], None] | None = None,
     ) -> None:
         self.robot, self.hardware, self.period = robot, hardware, controller.period
-        self.measured, self._longest = controller.measured, longest_unseen
+        self.measured, self._limits, self._wait = (
+            controller.measured,
+            controller.limits,
+            wait or (lambda: None),
+        )
         if library is not None:
             check_library(library, controller)
         self._fresh: Callable[[], Controller | CompiledController] = (
@@ -141,26 +141,46 @@ class TrajectoryServer:
         self.code = code_of(controller, "arm", "double", robot)
         self._follower: CompiledFollower = compile_follower(self.code)
         self._lock = threading.RLock()
-        self._numbers, self.samples, self.speed, self.stop_ramp = 0, 0, 1.0, 0.0
+        self._numbers, self.samples, self.speed = 0, 0, 1.0
         self._ends: deque[GoalEnd] = deque()
-        q = measured_pose(robot, self.measured, hardware.read()) if pose is None else real_array(pose)
-        self._begin(q)
+        self._begin(pose)
 
-    def _begin(self, q: Vector) -> None:
-        """At rest at link positions, without a goal."""
-        self._follower.reset(q)
-        self.stepped = self._fresh()
+    def _begin(self, pose: Numbers = None) -> None:
+        """At rest at link positions, by default those that are measured, without a goal.
+
+        Raises InvalidInput: for a robot that does not rest where the controller can begin.
+        """
+        stepped = self._fresh()
+        y = self._rested(stepped)
+        q = measured_pose(self.robot, self.measured, y) if pose is None else real_array(pose)
         state, u = self.robot.operating_point(q)
-        self.stepped.reset(state=state, input=u)
-        self.input, self.unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
-        self.measurement, self.step_code, self.late_samples = (
-            np.full(len(self.measured), np.nan),
-            "WAITING",
-            0,
-        )
-        none = np.zeros(len(self.robot.joint_names))
-        self.motion, self.stopped = ArmMotion(q, none, q, none), ""
-        self._stopped_for, self.is_released = 0.0, False
+        with self._lock:
+            self.start = stepped.start_reasons
+            self._follower.reset(q)
+            stepped.reset(state=state, input=u)
+            self.stepped, self.step_code, self._has_begun = stepped, "WAITING", False
+            self.input, self.late_samples = np.asarray(u, dtype=float), 0
+            none = np.zeros(len(self.robot.joint_names))
+            self.motion, self.stopped, self.is_released = ArmMotion(q, none, q, none), "", False
+
+    def _rested(self, stepped: Controller | CompiledController) -> Vector:
+        """The last reading (p,) of each sensor of a robot that rests; another one is refused."""
+        last = np.full(len(self.measured), np.nan)
+        self.unseen = np.zeros(len(self.measured))
+        while not stepped.at_rest(last):
+            why = stepped.start_reasons
+            refuse_if(
+                why and (why != Start.MISSING or self.unseen.max() > LONGEST_UNSEEN),
+                f"The robot cannot be started: {why}.",
+                f"expected one that rests where its controller can begin, got "
+                f"{dict(zip(self.measured, np.round(last, 4).tolist()))}",
+                f"look at {why.look}",
+            )
+            self._read()
+            self._wait()
+            held = np.where(self.unseen > LONGEST_UNSEEN, np.nan, last)
+            last = np.where(np.isfinite(self.measurement), self.measurement, held)
+        return last
 
     # Goals, from any thread ----------------------------------------------------------------------------
     def refusal(self, goal: FollowGoal) -> str:
@@ -230,58 +250,52 @@ class TrajectoryServer:
 
     # Samples -------------------------------------------------------------------------------------------
     def sample(self, elapsed: float = 0.0) -> None:
-        """Read, follow, step, write; `elapsed`: s since the sample before, 0 where that is not known.
+        """Read, follow, step, and write what may act; `elapsed`: s since the sample before, 0 where that is not known.
 
-        Nothing is computed after a fault, which `stopped` names: the inputs fall to 0 in `stop_ramp`, those of drives
-        that take positions stay.
+        A protective stop, which `stopped` names, ends goals. Once the drives have no power nothing is computed, and the
+        inputs that are without power are written on.
         """
         self.late_samples += elapsed > 1.5 * self.period
-        y = None if self.stopped else self._measurement()
-        with self._lock:
-            if not self.stopped:
-                self._step(y, elapsed)
-        if self.stopped:
-            self._stopped_for += elapsed or self.period
-            left = max(0.0, 1.0 - self._stopped_for / self.stop_ramp) if self.stop_ramp else 0.0
-            self._let_go(0.0 if left < ROUNDING else left)
-        else:
-            self.hardware.write(self.input)
-            self.samples += 1
-
-    def release(self) -> None:
-        """Write the last inputs of a robot that was stopped, whatever the ramp, unless they are written."""
         if not self.is_released:
-            self._let_go(0.0)
-
-    def _let_go(self, share: float) -> None:
-        self.is_released = share == 0.0
-        self.hardware.write(self.input if self.robot.drive == "position" else share * self.input)
+            self._read()
+            with self._lock:
+                self._step(elapsed if self._has_begun else 0.0)
+                self._has_begun = True
+            self.samples += not self.is_released
+        self.hardware.write(self.input)
 
     def restart(self) -> str:
-        """Begin again after a fault, at rest at the pose that is measured; why not, or empty.
+        """Begin again after a stop, at rest at the pose that is measured; why not, or empty.
 
         It is called in the thread of the samples, between two of them.
         """
         if not self.stopped:
             return "the robot is not stopped"
         if not self.is_released:
-            return "the inputs still fall to 0: wait until they do"
+            return "the robot is still being stopped: wait until its drives have no power"
         try:
-            q = measured_pose(self.robot, self.measured, self.hardware.read())
+            self._begin()
         except InvalidInput as error:
             return str(error)
-        with self._lock:
-            self._begin(q)
         return ""
 
     def stop(self, reason: str) -> None:
-        """Stop the robot; the goal ends with −4 and this reason."""
+        """Take the power of the drives at once; the goal ends with −4 and this reason."""
         with self._lock:
-            self.stopped = self.stopped or reason
-            self._follower.end_all(FollowCode.PATH_TOLERANCE_VIOLATED)
-            self._tell()
+            self._end_goals(reason)
+            if self.is_released:
+                return
+            if self.robot.drive != "position":
+                self.input = np.clip(0.0, self._limits.lower, self._limits.upper)
+            self.is_released = True
+        self.hardware.write(self.input)
 
-    def _measurement(self) -> Vector | None:
+    def _end_goals(self, reason: str) -> None:
+        self.stopped = self.stopped or reason
+        self._follower.end_all(FollowCode.PATH_TOLERANCE_VIOLATED)
+        self._tell()
+
+    def _read(self) -> None:
         read = self.hardware.read()
         y = np.full(len(self.measured), np.nan) if read is None else np.ravel(real_array(read))
         refuse_if(
@@ -291,31 +305,20 @@ class TrajectoryServer:
             "read() that returns them in this order, NaN for one that is missing",
         )
         self.measurement, self.unseen = y, np.where(np.isfinite(y), 0.0, self.unseen + 1.0)
-        for name in np.array(self.measured)[self.unseen > self._longest]:
-            self.stop(f"{name} was not measured for {self._longest} samples")
-        if self.unseen.min() > self._longest:
-            self.step_code = "STOPPED"
-        return y if np.isfinite(y).any() else None
 
-    def _step(self, y: Vector | None, elapsed: float) -> None:
+    def _step(self, elapsed: float) -> None:
         actual, actual_velocity = self.motion[2:]
         followed = self._follower.step(actual, actual_velocity, self.speed, self.stepped.path_rate)
         self._tell()
-        try:
-            self.input = self.stepped.step(y, followed.row, elapsed)
-            begun = self.step_code != "WAITING" or y is not None
-            self._failures, self.step_code = 0, "OK" if y is not None else "PREDICTED" if begun else "WAITING"
-        except WrongPeriod:
-            self.step_code = "BAD_PERIOD"
-        except NumericalFailure as failure:  # the input before it is held, once
-            self._failures += 1
-            self.step_code = "WENT_BACK" if self._failures > 1 else "BAD_RESULT"
-            if self._failures > 1:
-                self.stop(f"the controller cannot go on: {failure}")
-        if isinstance(self.stepped, CompiledController):
-            self.step_code = self.stepped.code
-        if self.step_code in FATAL:
-            self.stop(f"the controller stopped: {self.step_code}")
+        y = self.measurement if np.isfinite(self.measurement).any() else None
+        with suppress(NumericalFailure):  # the code says it, and what acts is decided below
+            self.stepped.step(y, followed.row, elapsed)
+        self.step_code, self.is_released = self.stepped.code, not self.stepped.may_act()
+        self.input, stop = self.stepped.output, self.stepped.stop
+        if stop and not self.stopped:
+            silent = [name for name, count in zip(self.measured, self.unseen) if count]
+            missing = f" ({', '.join(silent)} missing)" if silent else ""
+            self._end_goals(f"protective stop: {stop}{missing}; look at {stop.look}")
         n, x = len(actual), self.stepped.estimate
         if np.isfinite(x).all():
             actual, actual_velocity = x[:n], x[n : 2 * n]

@@ -16,6 +16,7 @@ from flexhinf.loop.controller.friction import DryFriction as DryFriction
 from flexhinf.loop.controller.governor import Governor as Governor
 from flexhinf.loop.controller.keywords import ControllerOptions as ControllerOptions
 from flexhinf.loop.controller.laws import Schedule as Schedule, savable_estimator as savable_estimator
+from flexhinf.loop.controller.protection import Protection as Protection
 from flexhinf.loop.controller.status import Status as Status, Supervision as Supervision
 from flexhinf.loop.signals.motions import JerkLimited as JerkLimited, Spline as Spline, Waypoints as Waypoints
 from flexhinf.loop.signals.references import (
@@ -39,3 +40,5 @@ from flexhinf.loop.simulation.metrics import (
 )
 from flexhinf.loop.simulation.trajectory import Trajectory as Trajectory
 from flexhinf.plant import BlackBox as BlackBox
+from flexhinf.starts import Start as Start
+from flexhinf.stops import Stop as Stop

@@ -21,7 +21,8 @@ import numpy as np
 
 from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.errors import refuse_if
-from flexhinf.export.realtime import RealTimeRun, check_place
+from flexhinf.export.realtime import RealTimeRun
+from flexhinf.export.run_log import check_place
 from flexhinf.files import write_file
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.numerals import number

@@ -19,8 +19,10 @@ import numpy as np
 from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
-from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles, write_log
-from flexhinf.loop import Status
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
+from flexhinf.export.run_log import write_log
+from flexhinf.loop import Status, Stop
+from flexhinf.loop.controller.signs import SIGNS
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.numerals import number
@@ -66,6 +68,7 @@ from flexhinf.report import (
     to_json,
 )
 from flexhinf.robot.signals import signal_names
+from flexhinf.stops import STOPS
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
@@ -90,8 +93,9 @@ ROWS = {
 
 
 def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
-    """Whether a run met every requirement and came to its end."""
-    return not run.trajectory.message and all(line.met for line in prepared.requirements(run))
+    """Whether a run met every requirement and came to its end, and no protective stop began."""
+    is_whole = not run.trajectory.message and not run.stop
+    return is_whole and all(line.met for line in prepared.requirements(run))
 
 
 def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Terminal]:
@@ -119,7 +123,8 @@ def _tracked(run: RealTimeRun) -> bool:
 
 def judged_requirements(prepared: DeployedRun, run: RealTimeRun) -> list[Requirement]:
     """The requirements of a run that came to its end; none of one that was stopped or diverged."""
-    return prepared.requirements(run) if run.stopped is None and _tracked(run) else []
+    is_whole = run.stopped is None and not run.stop and _tracked(run)
+    return prepared.requirements(run) if is_whole else []
 
 
 def _joints_table(prepared: DeployedRun, run: RealTimeRun) -> Table:
@@ -169,10 +174,12 @@ def run_ending(prepared: DeployedRun, run: RealTimeRun) -> Ending:
 
 # Sentences ------------------------------------------------------------------------------------------
 def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
-    """Verdict on a run: deadlines first, then what the robot did."""
+    """Verdict on a run: a protective stop, deadlines, then what the robot did."""
     text = _real_time(run.timing)
     if run.trajectory.message:
         return f"{text} {run.trajectory.message}"
+    if run.stop:
+        return f"{run.stop_text} {text}"
     if run.stopped is not None:
         return f"{text} Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
     response, several = prepared.response(run), len(prepared.robot.joint_names) > 1
@@ -236,6 +243,8 @@ STATUS_SENTENCES = {
     Status.DOUBTFUL_ESTIMATE: "The estimate was in doubt: rounding may have moved it, or a covariance was repaired,",
     Status.FOLLOWING_ERROR: "A joint was farther from its command than the limit of its following error",
     Status.BLOCKED: "Something blocked a joint, which let go",
+    Status.REPEATED_FRAME: "A frame of measurements was a repeated one, which counts as missing",
+    **{Status[name.upper()]: STOPS[name].says.capitalize() for name in SIGNS},
 }
 
 
@@ -574,6 +583,7 @@ def _numbers(prepared: DeployedRun, run: RealTimeRun) -> dict[str, object]:
         "version": 1, "robot": prepared.robot.name, "kind": "step" if prepared.plan is None else "move",
         "verdict": run_verdict(prepared, run), "met": run_met(prepared, run), "design": prepared.design.numbers,
         "stopped_by_signal": run.stopped,
+        "protective_stop": [str(bit.name).lower() for bit in Stop if bit in run.stop],
         "start": prepared.start, "goal": prepared.goal, "notes": run_notes(run),
         "requirements": [{key: getattr(line, key) for key in keys} for line in lines],
         "joints": prepared.response(run).metrics if _tracked(run) else [],

@@ -19,6 +19,7 @@ from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slic
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
 from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.acting import Acting
 from flexhinf.loop.controller.arguments import options_of
 from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.bumpless import STEPS
@@ -61,11 +62,9 @@ from flexhinf.loop.controller.readings import Readings, believable
 from flexhinf.loop.controller.standstill import first_values, standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, status_of, watched_numbers
 from flexhinf.loop.controller.step import StepMode, controller_step
-from flexhinf.loop.controller.stop import decide
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.stops import Stop
 from flexhinf.validation import read_only, real_array, value_text
 
 #: Operations up to which a step is one trace, whose parts share subexpressions; above, it is of pieces in loops.
@@ -77,7 +76,7 @@ READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
 Bound = tuple[Callable[[], int], Callable[[Any], bool], Callable[[Any], None], Callable[[], np.ndarray]]
 
 
-class Controller(Summarised):
+class Controller(Acting, Summarised):
     """A sampled controller: measurement and command in, input out.
 
     Parameters
@@ -239,6 +238,7 @@ class Controller(Summarised):
         first, place = self.initial_memory(), self.memory.places["reference"]
         self._history = StateHistory(first, place, len(self.estimated), braking_place(self.memory.places))
         self._ready: Any = ()
+        self._y = np.zeros(len(self.measured))  # the last measurement
 
     def fresh(self, fused: bool | None = None, **options: Unpack[ControllerOptions]) -> Controller:
         """A copy of the controller with a new memory, at its start, and with these options.
@@ -401,7 +401,7 @@ class Controller(Summarised):
         return tuple(run.body), run.buffers
 
     def _bound(self) -> Bound:
-        y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._history
+        y, u, now = self._y, np.zeros(len(self.law.input_names)), self._history
         arrays = {
             "y": y, "r": now.reference, "data": self.data_vector.copy(), "memory": now.memory, "u": u,
             "estimate": now.estimate,
@@ -490,6 +490,11 @@ class Controller(Summarised):
         return self._history.estimate.copy()
 
     @property
+    def code(self) -> str:
+        """How the last step ended, as exported C says it: "OK", "PREDICTED", "BAD_PERIOD", …; "WAITING" before one."""
+        return self._history.code
+
+    @property
     def integrals(self) -> np.ndarray:
         """Integrals of the tracking errors after the last step, (k,)."""
         return self._history.memory[self.memory.places["integral"]].copy()
@@ -520,25 +525,6 @@ class Controller(Summarised):
             return np.zeros(len(self.measured), dtype=int)
         belief = self.memory.named(self._history.memory).belief
         return type(self.estimator.initial)(*belief).rejected.astype(int)
-
-    def may_act(self) -> bool:
-        """Whether the drives may have power, to be asked after each step, also one that raised, and obeyed: then
-        `output` is what acts. A reason that was there once, see `stop`, stays until `reset`; steps go on as before. It
-        is the decision of the exported C, see `flexhinf.loop.controller.stop`."""
-        self._history.stop = decide(self, self._history)
-        return bool(self._history.stop.power[0] > 0.0)
-
-    @property
-    def stop(self) -> Stop:
-        """Why the drives may not act any more, since `reset`."""
-        kept = self._history.stop
-        return Stop(0 if kept is None else sum(one for one, flag in zip(Stop, kept.reasons) if flag > 0.0))
-
-    @property
-    def output(self) -> np.ndarray:
-        """The input (m,) that acts after `may_act`: that of the last step, of a controlled stop, or without power."""
-        kept = self._history.stop
-        return self._history.memory[self.memory.places["u"]].copy() if kept is None else np.array(kept.last)
 
     @property
     def path_rate(self) -> float:

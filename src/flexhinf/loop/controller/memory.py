@@ -29,6 +29,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure, WrongPeriod
 from flexhinf.loop.controller.protection import Pausing
 from flexhinf.loop.controller.readings import Readings
+from flexhinf.loop.controller.starting import Resting
 from flexhinf.loop.controller.stop import StopState
 from flexhinf.validation import real_array, value_text
 
@@ -205,7 +206,8 @@ class StateHistory:
     good measurement yet. `holding`: the last command holds after the last going back, and not that of the earlier
     memory. `braking`: where the memory says how far a brake is, as fractions; a brake under way outlasts going back.
     `slip`: the mean by which the time between steps is off, in periods. `code`: how the last step ended, as exported C
-    says it. `stop`: what a protective stop remembers, None before it was asked.
+    says it. `stop`: what a protective stop remembers, None before it was asked. `unseen`: for how many samples each
+    sensor was missing, counted where no protection does. `resting`: what is remembered before a start.
     """
 
     def __init__(self, memory: np.ndarray, command: slice, states: int, braking: slice = NOWHERE) -> None:
@@ -222,6 +224,8 @@ class StateHistory:
         self.estimate[:] = np.nan
         self.samples, self.waiting, self.slip, self.code = 0, True, 0.0, "WAITING"
         self.stop: StopState | None = None
+        self.unseen: tuple[int, ...] = ()
+        self.resting = Resting()
         self.failed = self.holding = self.begun_again = False
         self.hold_command()
 
@@ -281,6 +285,11 @@ class StateHistory:
         self.memory[places.get("opposed", NOWHERE)].reshape(2, -1)[1] = -protected.settles
         self.memory[places.get("away", NOWHERE)].reshape(3, -1)[1] = -protected.free
         self.memory[places.get("pauses", NOWHERE)] += float(periods > protected.longest)
+
+    def count_unseen(self, y: np.ndarray) -> None:
+        """Count for how many samples each element of the measurements (p,) was missing."""
+        before = self.unseen or (0,) * len(y)
+        self.unseen = tuple(0 if math.isfinite(number) else n + 1 for number, n in zip(y.tolist(), before))
 
     def good(self, measured: bool) -> None:
         """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is

@@ -132,6 +132,15 @@ class Protection(Listed):
     ------
     InvalidInput
         If sizes differ, numbers are not positive, or something is no reason for a stop.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import flexhinf as fh
+    >>> def stopped_by(controller, *reasons):  # the same controller, which other reasons do not stop
+    ...     return controller.fresh(protection=replace(controller.protection, stop_on=reasons))
+    >>> def free(folder):
+    ...     return stopped_by(fh.load_controller(folder), "sensor_lost", "too_fast")
     """
 
     speed: Sequence[float]
@@ -180,7 +189,9 @@ class Protection(Listed):
         arrays = {name: np.array(getattr(self, name)) for name in shapes}
         arrays |= {"spreads": _table(self.spreads, 5, g)}
         if not g:
-            arrays |= {"shares": np.zeros((len(self.links), 0)), "rates": np.zeros((5, 0))}
+            arrays |= {"rates": np.zeros((5, 0))}
+        if not g or not self.links:
+            arrays |= {"shares": np.zeros((len(self.links), g))}
         apart = [name for name, shape in shapes.items() if arrays[name].shape != shape]
         apart += [name for name in POSITIVE if not apart and not np.all(arrays[name] > 0.0)]
         refuse_if(

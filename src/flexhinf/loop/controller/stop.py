@@ -13,19 +13,22 @@ becomes faster or does not do what the input should make of it: then the drive i
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import reduce
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.arrays import Element, Elements, Vector
-from flexhinf.errors import FlexhinfError
+from flexhinf.loop.controller.protection import LONGEST_UNSEEN
+from flexhinf.loop.controller.readings import Readings
 from flexhinf.loop.controller.signs import PAUSES, SIGNS
 from flexhinf.loop.controller.slowing import Masses, Moving, Voters, first_moving, masses_of, moved, voters_of
-from flexhinf.plant.plant import equilibrium_at
-from flexhinf.scalars import absolute, clip, maximum, minimum, where
+from flexhinf.scalars import absolute, clip, maximum, minimum, trace, where
 from flexhinf.stops import STOPS, Stop
+
+if TYPE_CHECKING:
+    import casadi as ca
 
 #: Longest controlled stop, and how long joints must stand before it ends, s; time after which it must have made them
 #: slower, s.
@@ -233,31 +236,50 @@ def stop_size(inputs: int) -> int:
     return sum(np.size(part) for part in first_stop(np.zeros(inputs)))
 
 
+def possible_stops(controller: Any) -> tuple[Stop, ...]:
+    """Reasons that may stop the robot."""
+    return tuple(Stop) if controller.protection else (Stop.WRONG_PERIOD, Stop.STEP_FAILED, Stop.SENSOR_LOST)
+
+
+def decision(controller: Any) -> ca.Function:
+    """(kept, flags, u, hold, readings, category, data) → (acts, kept) of `decided`, with what a stop remembers in one
+    vector, as a CasADi function: the same for a controller in Python and for exported C."""
+    c, (drive, numbers), voters = controller, stop_numbers(controller), voters_of(controller)
+    m, able = len(c.law.input_names), possible_stops(controller)
+    readings = c.memory.places.get("readings", slice(0, 1))
+
+    def decide(kept: Elements, *others: Elements) -> tuple[Elements, Elements]:
+        flags, u, hold, read, category, data = others
+        table = np.reshape(read, (len(Readings._fields), -1)) if c.protection else None
+        limits = c.data.named(data)
+        now, parts = numbers._replace(lower=limits.lower, upper=limits.upper), stop_state(kept, m)
+        before, flags = (
+            np.array([flag if bit in able else 0.0 for bit, flag in zip(Stop, row)])
+            for row in (parts.reasons, flags)
+        )
+        parts = parts._replace(reasons=before)
+        acts, after = decided(drive, parts, flags, u, hold, table, voters, category[0], now)
+        return acts, np.concatenate(after)
+
+    shapes = (stop_size(m), len(Stop), m, m, readings.stop - readings.start, 1, c.data.size)
+    return trace(decide, *shapes, name="decided")
+
+
+def stop_state(kept: Elements, inputs: int) -> StopState:
+    """What a stop of m inputs remembers, of one vector."""
+    ends = np.cumsum([np.size(part) for part in first_stop(np.zeros(inputs))]).tolist()
+    return StopState(*(kept[begin:end] for begin, end in pairwise((0, *ends))))
+
+
 def reasons(controller: Any, history: Any) -> np.ndarray:
     """Reasons for a stop after the last step (r,), 1 or 0 each, of those that count."""
     protection, found = controller.protection, np.zeros(len(Stop))
     found[0], found[1] = history.code == "BAD_PERIOD", history.code in FAILED
+    if protection is None and history.code != "WAITING":
+        found[list(STOPS).index("sensor_lost")] = max(history.unseen, default=0) > LONGEST_UNSEEN
     if protection is not None and history.code != "WAITING":
         found[0] = max(found[0], history.memory[controller.memory.places["pauses"]][0] > PAUSES)
         found[2] = history.memory[controller.memory.places["misplaced"]][0]
         found[-len(SIGNS) :] = history.memory[controller.memory.places["status"]][-len(SIGNS) :]
     counted = tuple(STOPS) if protection is None else protection.stop_on
     return np.where([name in counted for name in STOPS], found, 0.0)
-
-
-def decide(controller: Any, history: Any) -> StopState:
-    """The decision after a controller's last step, and what acts. In a stop that begins the inputs hold the model at a
-    moving command; where that has no equilibrium, what acted stays."""
-    protection, u = controller.protection, history.memory[controller.memory.places["u"]]
-    kept: StopState = history.stop or first_stop(u)
-    flags, hold = reasons(controller, history), kept.last
-    model = None if controller.estimator is None else controller.estimator.plant
-    if flags.any() and not kept.reasons.any() and model is not None and controller.mode.moving:
-        tracked = [controller.states.index(name) for name in controller.tracked]
-        pose = history.memory[controller.memory.places["reference"]][tracked]
-        with suppress(FlexhinfError):
-            hold = equilibrium_at(model, controller.tracked, pose)[1][: len(u)]
-    readings = None if protection is None else controller.memory.named(history.memory).readings
-    category = 0.0 if protection is None else protection.category
-    drive, numbers = stop_numbers(controller)
-    return decided(drive, kept, flags, u, hold, readings, voters_of(controller), category, numbers)[1]
