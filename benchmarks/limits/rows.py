@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.limits.arms import ARMS, ENCODED, described, design_of, robot_of
+from benchmarks.limits.arms import ARMS, ENCODED, MEASURED, described, design_of, robot_of
 from benchmarks.limits.encoders import step_of
 from benchmarks.limits.laws import PLAIN, TITLES, Product, Rival, Runs, tuned
 from benchmarks.limits.pushes import pushed
@@ -49,11 +49,12 @@ def kept(folder: Path, arm: str) -> dict[str, Any]:
 
 
 def made(arm: str, row: str, law: str) -> bool:
-    """Whether an arm has such a row of a law: of encoders and frames few arms have them, and no torque feedback, which
-    needs all that is measured; a rival has no samples without measurement."""
+    """True where an arm has such a row of a law. Few arms have those of encoders and frames, beside PD alone, which can
+    do nothing with samples that are missing; encoders of links are slow where there are some."""
     if row in FEW:
         told = law == PRODUCT or (law == "pd" and not FEW[row].missing)
-        return arm in ENCODED and told
+        there = FEW[row].half_rate != "links" or (arm in ENCODED and ENCODED[arm].measured == MEASURED)
+        return arm in ENCODED and told and there
     return arm in ARMS and (row != PUSHED or law == PRODUCT)
 
 

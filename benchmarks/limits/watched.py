@@ -32,6 +32,7 @@ WHY = {
     ("stop", Stop.OPPOSED): CARRIED,
     ("stop", Stop.OSCILLATING): DAMPED,
     ("push", Stop.TOO_FAST): "the push itself is faster than a joint may ever be",
+    ("push", Stop.SENSOR_LOST): "readings that change faster than a joint may are not believed",
     ("push", Stop.RUNAWAY): "a pushed joint leaves its command by itself, as one that runs away",
     ("push", Stop.OPPOSED): CARRIED,
     ("push", Stop.OSCILLATING): DAMPED,
@@ -126,12 +127,12 @@ def encoders(folder: Path) -> str:
 
 
 def encoded(trial: Trial, row: dict[str, dict[str, Any]]) -> list[str]:
-    """What is missed of the rule of encoders: that of limits; nothing stops the arm but what a brake looks like; frames
-    are missing no longer than they are repeated."""
+    """Parts that are missed of the rule of encoders: that of limits; nothing stops the arm but what a brake looks like;
+    readings are believed, and frames are missing no longer than they are repeated."""
     own = row[PRODUCT]
     allowed = BRAKED if trial.brake else Stop(0)
     stopped = any(stop is not None and Stop(stop[1]) & ~allowed for stop in own["stops"])
-    unseen = own["unseen"] > (trial.half_rate == "all")
+    unseen = own["rejected"] > 0 or own["unseen"] > (trial.half_rate == "all")
     return [*(["lost"] if own["lost"] else missed(row)), *["stop"] * stopped, *["missing"] * unseen]
 
 

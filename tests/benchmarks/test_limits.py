@@ -369,6 +369,7 @@ def test_what_a_protective_stop_ends_is_listed_with_its_reason(tmp_path: Path) -
         "status": 4,
         "away": 0.1,
         "unseen": 0,
+        "rejected": 0,
     }
     brake = own | {"stops": [None, [0.012, int(Reason.INCONSISTENT)]]}
     stop = own | {"stops": [[0.3, int(Reason.OSCILLATING)], [0.5, int(Reason.OSCILLATING)]]}
@@ -391,6 +392,7 @@ def test_what_a_protective_stop_ends_is_listed_with_its_reason(tmp_path: Path) -
     assert missed("brake-13", stop) == ["stop"]
     assert missed("half-rate", late) == []
     assert missed("rest-13", late) == ["missing"]
+    assert missed("half-rate", own | {"stops": [None], "rejected": 1}) == ["missing"]
     assert missed("rest-13", late | {"lost": 1}) == ["lost", "missing"]
     assert missed("slow-13", own | {"stops": [None]}, 0.01) == ["beyond"]
 
