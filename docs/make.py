@@ -485,7 +485,19 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     **{
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
-        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals", "pushes")
+        for table in (
+            "short",
+            "met",
+            "rest",
+            "limits",
+            "before",
+            "tracking",
+            "rivals",
+            "pushes",
+            "stops",
+            "encoders",
+            "frames",
+        )
     },
     **{
         name: ("docs/comparison_workspaces.md", benchmark("benchmarks.compared", "--table", table))

@@ -16,7 +16,7 @@ import argparse  # noqa: E402
 import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-from benchmarks.limits.arms import ARMS, designed  # noqa: E402
+from benchmarks.limits.arms import SOURCES, designed  # noqa: E402
 from benchmarks.limits.laws import LAWS, TITLES  # noqa: E402
 from benchmarks.limits.rows import GROUPS, ROWS, Bench, named_rows  # noqa: E402
 from benchmarks.limits.tables import TABLES  # noqa: E402
@@ -29,7 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Make the rows that are missing, or print a table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.limits", description=__doc__)
     known = [*GROUPS, *(row for rows in GROUPS.values() for row in rows)]
-    parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=list(ARMS), metavar="NAME")
+    parser.add_argument("--arms", nargs="+", choices=list(SOURCES), default=list(SOURCES), metavar="NAME")
     parser.add_argument("--rows", nargs="+", choices=known, default=list(GROUPS), metavar="NAME")
     parser.add_argument("--laws", nargs="+", choices=list(TITLES), default=list(LAWS), metavar="NAME")
     parser.add_argument("--again", action="store_true", help="make rows anew that are there")

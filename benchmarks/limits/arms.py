@@ -24,7 +24,17 @@ import flexhinf as fh
 from benchmarks.hardware.robots import ROBOTS as HARDWARE, files_of
 from benchmarks.workspace.robots import ROBOTS as LIMITS
 
-__all__ = ["ARMS", "MEASURED", "Source", "described", "design_of", "designed", "robot_of"]
+__all__ = [
+    "ARMS",
+    "ENCODED",
+    "MEASURED",
+    "SOURCES",
+    "Source",
+    "described",
+    "design_of",
+    "designed",
+    "robot_of",
+]
 
 HERE = Path(__file__).resolve().parent
 #: Encoders on both sides of every spring.
@@ -40,6 +50,7 @@ class Source:
     name: str
     about: str
     where: str = "catalogue"  # or "robots", the folder here, or "files", those of others
+    measured: str = MEASURED
 
     @property
     def limits(self) -> dict[str, tuple[float, ...]]:
@@ -77,7 +88,7 @@ class Source:
             file,
             *(["--elastic", elastic] if elastic else []),
             "--measured",
-            MEASURED,
+            self.measured,
             *self.options,
         ]
 
@@ -101,6 +112,11 @@ ARMS = {
         Source("elastic", "series elastic arm of four joints", "robots"),
     )
 }  # fmt: skip
+#: Arms of the trials of encoders: with those of both sides, or of the motors alone.
+ALONE = {"scara-motors": Source("scara", "the SCARA with motor encoders alone", measured="motor_position")}
+ENCODED = {name: ARMS[name] for name in ("planar-two-link", "pallet", "elastic")} | ALONE
+#: All that can be designed.
+SOURCES = ARMS | ALONE
 
 
 def design_of(folder: Path, name: str) -> tuple[Path, int] | None:
@@ -133,7 +149,7 @@ def named(text: str) -> list[str] | None:
 def designed(folder: Path, name: str, files: Path | None) -> Iterator[str]:
     """Make the design of an arm where it is missing, and the one of the command that it names; what is to be said."""
     folder.mkdir(parents=True, exist_ok=True)
-    command: list[str] | None = ARMS[name].command(files)
+    command: list[str] | None = SOURCES[name].command(files)
     for number in (1, 2):
         out = folder / f"{name}.{number}"
         if command is None:
@@ -197,6 +213,6 @@ def _json(place: Path) -> dict[str, Any]:
 
 def robot_of(name: str, files: Path | None) -> Any:
     """The robot of the file, with limits."""
-    source = ARMS[name]
+    source = SOURCES[name]
     file, elastic = source.paths(files)
     return replace(fh.load_robot(file, elastic=elastic), **source.limits)

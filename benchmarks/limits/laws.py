@@ -14,8 +14,11 @@ home; torque feedback has gains by the inertia matrix at the commanded pose.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,10 +26,11 @@ import numpy as np
 import flexhinf as fh
 from benchmarks.limits.plant import TrueArm, stiff
 from benchmarks.workspace import goals as the_goals
-from benchmarks.workspace.arm import LATENCY, Arm, damped
+from benchmarks.workspace.arm import LATENCY, PERIOD, Arm, damped
 from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.laws import FASTEST, INTEGRAL, LIGHTER, SHARES, TURNING, DifferenceLaw, bandwidths
 from benchmarks.workspace.linear import closed, damping, late, outputs, stable
+from flexhinf.export import protected
 
 __all__ = ["LAWS", "PLAIN", "RIPPLE", "TITLES", "Product", "Rival", "Runs", "tuned"]
 
@@ -59,6 +63,11 @@ class Runs(Protocol):
 
     status: int
 
+    @property
+    def said(self) -> Mapping[str, Any]:
+        """What is kept of a run beside its numbers."""
+        ...
+
     def start(self, q: np.ndarray) -> None:
         """Begin at rest at a pose."""
         ...
@@ -78,26 +87,52 @@ class Product:
             assert watch is not None
             kept = {event: kind for event, kind in watch.reactions.items() if event != "blocked"}
             self.controller = self.controller.fresh(governor=None, supervision=replace(watch, reactions=kept))
-        self.status, self.refused = 0, 0
+        self.status, self.refused, self.repeated, self.unseen = 0, 0, 0, 0
+
+    def told(self, steps: np.ndarray) -> Product:
+        """The same of a design that knows the steps of the encoders of links and motors (2n,)."""
+        law, measured = copy(self), len(self.controller.measured)
+        bare = self.controller.fresh(protection=None)
+        law.controller = protected(bare, self.robot, steps=steps[-measured:])[0]
+        return law
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """Since the start: the time, s, and the bits of `flexhinf.loop.Stop` at which a protective stop would have
+        begun, None without one; the most samples in a row whose frame counted as a repeated one; and readings that
+        were not believed."""
+        counts, rejected = self.controller.counts, int(self.controller.rejected.sum())
+        stop = (
+            [float(f"{PERIOD * counts.stop_sample:.4g}"), int(counts.stop_bits)]
+            if counts.stop_sample
+            else None
+        )
+        return {"stop": stop, "unseen": self.unseen, "rejected": rejected}
 
     def start(self, q: np.ndarray) -> None:
         """Begin at rest."""
         state, held = self.robot.operating_point(q)
         self.controller.reset(state, input=held)
-        self.status, self.last = 0, np.array(held, dtype=float)
+        self.status, self.repeated, self.unseen, self.last = 0, 0, 0, np.array(held, dtype=float)
 
     def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
         """The command is the state at which the input acts, with the input of the plan."""
         try:
-            self.last = self.controller.step(y, np.concatenate((reference.ahead, reference.input)))
+            seen = y[-len(self.controller.measured) :]  # those of links come first
+            self.last = self.controller.step(seen, np.concatenate((reference.ahead, reference.input)))
         except fh.FlexhinfError:
             self.refused += 1
-        self.status |= int(self.controller.status)
+        status = int(self.controller.status)
+        self.status |= status
+        self.repeated = self.repeated + 1 if status & fh.Status.REPEATED_FRAME else 0
+        self.unseen = max(self.unseen, self.repeated)
         return self.last
 
 
 class Rival:
     """PD or torque feedback with the file's dry friction fed forward."""
+
+    said: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, arm: Arm, name: str, numbers: dict[str, Any]) -> None:
         self.arm, self.status = stiff(arm), 0

@@ -18,6 +18,7 @@ from benchmarks.workspace.goals import Reference, goals, quintic
 
 __all__ = [
     "CURVES",
+    "HALF",
     "Path",
     "chain",
     "curve",

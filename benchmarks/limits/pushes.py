@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.limits.laws import Product
 from benchmarks.limits.paths import heaviest, held, needed
 from benchmarks.limits.plant import TrueArm
-from benchmarks.limits.trials import CORNERS_SEED, NOISE_SEED, ROBOTS, WITHIN, drive, noise_of
+from benchmarks.limits.trials import CORNERS_SEED, NOISE_SEED, ROBOTS, WITHIN, drive, noise_of, said
 from benchmarks.workspace.arm import LATENCY, PERIOD, Arm, damped, pin
 
 __all__ = ["PUSHES", "Push", "back_from", "pushed", "pushes_of"]
@@ -107,6 +107,7 @@ def pushed(arm: Arm, own: Product, bare: Product, count: int = PUSHES) -> dict[s
             allowed = back + float(np.max(furthest / speed)) + 1.0
             found = back_from(arm, own, push, allowed + 0.5, k)
             row |= {"own": [*map(_rounded, found)], "allowed": _rounded(allowed), "status": own.status}
+            row |= said([{"said": own.said, "cause": BEFORE}])
         rows.append(row)
     return {"pushes": rows}
 

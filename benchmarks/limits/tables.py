@@ -9,28 +9,26 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.limits.arms import ARMS
+from benchmarks.limits.cells import MISSING, cells, digits, head, limit_text, milli, short_text
 from benchmarks.limits.laws import LAWS
 from benchmarks.limits.pushes import TIMES as FARTHER
 from benchmarks.limits.rows import MET, NONE, PRODUCT, PUSHED, kept
+from benchmarks.limits.rule import LEAST, judged
 from benchmarks.limits.trials import CURVED, TRIALS
+from benchmarks.limits.watched import TABLES as WATCHED
 from flexhinf import Status
 
-__all__ = ["TABLES", "beyond_limits", "judged", "returns"]
+__all__ = ["TABLES", "beyond_limits", "returns"]
 
-MISSING = "not measured"
 #: Laws that a row needs for a comparison.
 BOTH = {PRODUCT, "pd"}
-#: A rival is beaten where our number is at most this times its own, or below 2 mrad; the speed, of its limit.
-TIMES, LEAST, SPEED = 1.2, 2e-3, 1.2
-#: Motors hold an arm at rest everywhere on its way where its weight needs at most this of their limits.
-HELD = 0.9
 #: Numbers of the first measurement, brakes for 0.5 s: rad beyond, times the speed limit.
 BEFORE = {"beltscara": (3.23, 2.3), "iiwa": (0.87, 5.2), "pallet": (0.44, None)}
 
 
 def met(folder: Path) -> str:
     """Thirteen arms: by which command they are met, and what 40 moves in the simulator say."""
-    lines = _head(
+    lines = head(
         ("arm", "met", "the first command missed", "40 moves: worst, of what the design allows", "beyond")
     )
     counts = [0, 0, 0]
@@ -38,14 +36,14 @@ def met(folder: Path) -> str:
         rows = kept(folder, name)
         design = rows.get("design")
         if design is None:
-            lines.append(_cells([f"{name}: {source.about}", MISSING, "", "", ""]))
+            lines.append(cells([f"{name}: {source.about}", MISSING, "", "", ""]))
             continue
         counts[design["command"] - 1 if design["met"] else 2] += 1
         how = "no"
         if design["met"]:
             how = "at once" if design["command"] == 1 else f"with `{shlex.join(design['more'])}`"
         run = rows.get(MET, {}).get(PRODUCT)
-        lines.append(_cells([
+        lines.append(cells([
             f"{name}: {source.about}", how, ", ".join(design["missed"]) or "nothing",
             *((MISSING, "") if run is None else _judged(design["limits"], run)),
         ]))  # fmt: skip
@@ -68,7 +66,7 @@ def beyond_limits(limits: dict[str, float], run: dict[str, Any]) -> int:
 
 def _judged(limits: dict[str, float], run: dict[str, Any]) -> tuple[str, str]:
     texts = [
-        f"{what} {_digits(factor * max(run[key]))} of {_digits(factor * limits[key])} {unit}"
+        f"{what} {digits(factor * max(run[key]))} of {digits(factor * limits[key])} {unit}"
         for key, (what, factor, unit) in MEASURED.items()
         if key in limits and run["run"]
     ]
@@ -77,28 +75,28 @@ def _judged(limits: dict[str, float], run: dict[str, Any]) -> tuple[str, str]:
 
 def rest(folder: Path) -> str:
     """The 40 moves with each law: how many arrive within what the design allows, and the worst that remains."""
-    lines = _head(("arm", "within", *LAWS.values()))
+    lines = head(("arm", "within", *LAWS.values()))
     for name in ARMS:
         rows = kept(folder, name)
         runs = rows.get(MET, {})
         if PRODUCT in runs and len(runs) > 1:
             most = rows["design"]["limits"]["remaining error"]
             texts = [_arrived(runs[law], most) if law in runs else _missing(rows, law) for law in LAWS]
-            lines.append(_cells([name, f"{_milli(most)} mrad", *texts]))
+            lines.append(cells([name, f"{milli(most)} mrad", *texts]))
     return "\n".join(lines)
 
 
 def _arrived(run: dict[str, Any], most: float) -> str:
     errors = run["remaining error"]
     worst = (
-        "" if not errors else f", {_milli(max(errors))} mrad" if not run["lost"] else f", {run['lost']} lost"
+        "" if not errors else f", {milli(max(errors))} mrad" if not run["lost"] else f", {run['lost']} lost"
     )
     return f"{sum(error <= most for error in errors)} of {run['moves']}{worst}"
 
 
 def limits(folder: Path) -> str:
     """What happens at the limits: a line for each arm and trial."""
-    lines = _head((
+    lines = head((
         "arm", "trial", *(f"{LAWS[law]}: beyond, speed, back" for law in LAWS), "status of flexhinf", "rule",
     ))  # fmt: skip
     for name in ARMS:
@@ -106,33 +104,15 @@ def limits(folder: Path) -> str:
         for trial, about in TRIALS.items():
             row = rows.get(trial)
             if row and PRODUCT in row:
-                texts = [_limit(row[law]) if law in row else _missing(rows, law) for law in LAWS]
-                lines.append(
-                    _cells([name, about.title, *texts, _status(row[PRODUCT]["status"]), judged(row)])
-                )
+                texts = [limit_text(row[law]) if law in row else _missing(rows, law) for law in LAWS]
+                lines.append(cells([name, about.title, *texts, _status(row[PRODUCT]["status"]), judged(row)]))
     return "\n".join(lines)
-
-
-def judged(row: dict[str, dict[str, Any]]) -> str:
-    """Whether a trial keeps the rule: where the motors hold the arm, not farther than 1.2 times PD or 2 mrad, and at
-    most 1.2 times the speed limit, or than PD's; else not worse than PD, with a status."""
-    if "pd" not in row:
-        return MISSING
-    own, pd = row[PRODUCT], row["pd"]
-    if own["lost"]:
-        return "lost"
-    if pd["lost"]:
-        return "kept"
-    far = own["beyond"] <= max(TIMES * pd["beyond"], LEAST)
-    fast = own["speed"] <= SPEED or (own["hold"] > HELD and own["speed"] <= pd["speed"] and own["status"] > 0)
-    missed = [text for text, good in (("beyond", far), ("speed", fast)) if not good]
-    return f"missed: {', '.join(missed)}" if missed else "kept"
 
 
 def pushes(folder: Path) -> str:
     """Arms that are pushed: from how many pushes the law returns, and the controller, and by how much it keeps the
     rule."""
-    lines = _head(
+    lines = head(
         (
             "arm",
             "pushes",
@@ -153,7 +133,7 @@ def pushes(folder: Path) -> str:
             counts = len(found["pushes"]), len(runs), len(back)
             missed = sum(not returns(one) for one in runs)
             verdict = f"missed: {missed}" if missed else "kept"
-            lines.append(_cells([name, *map(str, counts), f"{far:.2f}", f"{late:.2f}", verdict]))
+            lines.append(cells([name, *map(str, counts), f"{far:.2f}", f"{late:.2f}", verdict]))
     return "\n".join(lines)
 
 
@@ -165,25 +145,25 @@ def returns(run: dict[str, Any]) -> bool:
 
 def before(folder: Path) -> str:
     """Brakes for half a second: as it was before, and now."""
-    lines = _head(("arm", "before: beyond, speed", "now: beyond, speed", "PD now"))
+    lines = head(("arm", "before: beyond, speed", "now: beyond, speed", "PD now"))
     for name, (far, fast) in BEFORE.items():
         row = kept(folder, name).get("brake-0.5", {})
         speed = "" if fast is None else f", {fast:g}"
-        now = [_short(row[law]) if law in row else MISSING for law in (PRODUCT, "pd")]
-        lines.append(_cells([name, f"{far:g} rad{speed}", *now]))
+        now = [short_text(row[law]) if law in row else MISSING for law in (PRODUCT, "pd")]
+        lines.append(cells([name, f"{far:g} rad{speed}", *now]))
     return "\n".join(lines)
 
 
 def tracking(folder: Path) -> str:
     """Paths at full speed: peak and root mean square, nominal and corners."""
-    lines = _head(("arm", "path", *(f"{LAWS[law]}: nominal peak, rms; corners" for law in LAWS)))
+    lines = head(("arm", "path", *(f"{LAWS[law]}: nominal peak, rms; corners" for law in LAWS)))
     for name in ARMS:
         rows = kept(folder, name)
         for path, title in CURVED.items():
             row = rows.get(path)
             if row and PRODUCT in row:
                 lines.append(
-                    _cells(
+                    cells(
                         [
                             name,
                             title,
@@ -196,12 +176,12 @@ def tracking(folder: Path) -> str:
 
 def rivals(folder: Path) -> str:
     """What each rival was tuned to."""
-    lines = _head(("arm", *(f"{LAWS[law]}: bandwidth, damping, ripple" for law in LAWS if law != PRODUCT)))
+    lines = head(("arm", *(f"{LAWS[law]}: bandwidth, damping, ripple" for law in LAWS if law != PRODUCT)))
     for name in ARMS:
         tuned = kept(folder, name).get("tuned", {})
         if tuned:
             lines.append(
-                _cells(
+                cells(
                     [
                         name,
                         *(_tuned(tuned[law]) if law in tuned else MISSING for law in LAWS if law != PRODUCT),
@@ -214,14 +194,14 @@ def rivals(folder: Path) -> str:
 def short(folder: Path) -> str:
     """What the tables say: where PD is better, what misses the rule, which "met" is not true."""
     every = {name: kept(folder, name) for name in ARMS}
-    lines = [*_head(("what", "where"))]
+    lines = [*head(("what", "where"))]
     for what, found in (
         ("PD goes less far beyond, by 2 mrad or more", _less_far), ("PD follows more exactly", _more_exactly),
         ("PD arrives more often", _more_often), ("PD's worst goal is nearer", _nearer),
     ):  # fmt: skip
         where = [text for name, rows in every.items() for text in found(name, rows)]
-        lines.append(_cells([what, _listed(where, "in no row")]))
-    lines.append(_cells(["PD is back sooner", _sooner([*every.values()])]))
+        lines.append(cells([what, _listed(where, "in no row")]))
+    lines.append(cells(["PD is back sooner", _sooner([*every.values()])]))
     verdicts = [
         (f"{name}, {about.title}", judged(rows[trial]))
         for name, rows in every.items()
@@ -230,7 +210,7 @@ def short(folder: Path) -> str:
     ]
     missed = [f"{where} ({said})" for where, said in verdicts if said != "kept"]
     kept_in = f"{len(verdicts) - len(missed)} of {len(verdicts)} rows"
-    lines.append(_cells(["flexhinf keeps the rule of limits", f"{kept_in}; not in: {_listed(missed)}"]))
+    lines.append(cells(["flexhinf keeps the rule of limits", f"{kept_in}; not in: {_listed(missed)}"]))
     runs = [
         (name, one)
         for name, rows in every.items()
@@ -239,7 +219,7 @@ def short(folder: Path) -> str:
     ]
     gone = [f"{name}, {one['where']}, {one['speeds']}" for name, one in runs if not returns(one)]
     text = f"{len(runs) - len(gone)} of {len(runs)} pushes; not from: {_listed(gone)}"
-    lines.append(_cells(["flexhinf returns from a push as its law does", text]))
+    lines.append(cells(["flexhinf returns from a push as its law does", text]))
     run = {
         name: (beyond_limits(rows["design"]["limits"], rows[MET][PRODUCT]), rows[MET][PRODUCT]["moves"])
         for name, rows in every.items()
@@ -248,7 +228,7 @@ def short(folder: Path) -> str:
     false = [f"`{name}` ({beyond} of {moves} moves)" for name, (beyond, moves) in run.items() if beyond]
     true = f"{len(run) - len(false)} of {len(run)} met arms whose moves were run"
     true += f"; not of: {_listed(false)}" * bool(false)
-    return "\n".join([*lines, _cells(['"met" is true', true])])
+    return "\n".join([*lines, cells(['"met" is true', true])])
 
 
 def _less_far(name: str, rows: dict[str, Any]) -> list[str]:
@@ -307,7 +287,7 @@ def _back(row: dict[str, Any]) -> float:
 
 
 def _against(pd: float, own: float | None) -> str:
-    return f"{_milli(pd)} mrad, flexhinf {'lost' if own is None else _milli(own)}"
+    return f"{milli(pd)} mrad, flexhinf {'lost' if own is None else milli(own)}"
 
 
 def _missing(rows: dict[str, Any], law: str) -> str:
@@ -321,7 +301,7 @@ def _listed(texts: list[str], none: str = "none") -> str:
 
 TABLES: dict[str, Callable[[Path], str]] = {
     "short": short, "met": met, "rest": rest, "limits": limits, "before": before, "tracking": tracking,
-    "rivals": rivals, "pushes": pushes,
+    "rivals": rivals, "pushes": pushes, **WATCHED,
 }  # fmt: skip
 
 
@@ -329,45 +309,17 @@ def _tuned(one: dict[str, Any] | None) -> str:
     return (
         NONE
         if one is None
-        else f"{_digits(one['bandwidth'])} rad/s, {one['damping']:.2f}, {_digits(one['ripple'])} %"
+        else f"{digits(one['bandwidth'])} rad/s, {one['damping']:.2f}, {digits(one['ripple'])} %"
     )
 
 
 def _followed(row: dict[str, Any]) -> str:
     nominal, corners = ((one["peak"], one["rms"]) for one in (row["nominal"], row["corners"]))
     return "; ".join(
-        "lost" if peak is None or rms is None else f"{_milli(peak)}, {_milli(rms)}" for peak, rms in (nominal, corners)
+        "lost" if peak is None or rms is None else f"{milli(peak)}, {milli(rms)}" for peak, rms in (nominal, corners)
     ) + " mrad"  # fmt: skip
-
-
-def _limit(row: dict[str, Any]) -> str:
-    if row["lost"]:
-        return "lost"
-    back = "never" if row["back"] is None else f"{row['back']:.2f} s"
-    return f"{_short(row)}, {back}"
-
-
-def _short(row: dict[str, Any]) -> str:
-    return "lost" if row["lost"] else f"{_milli(row['beyond'])} mrad, {row['speed']:.1f}"
 
 
 def _status(bits: int) -> str:
     names = [str(one.name).lower().replace("_", " ") for one in Status if one & bits]
     return ", ".join(names) or "none"
-
-
-def _milli(value: float) -> str:
-    return _digits(1e3 * value)
-
-
-def _digits(value: float) -> str:
-    """Two digits, none after the point from ten on; nothing below a hundredth."""
-    return "0" if value < 5e-3 else f"{value:.2g}" if value < 9.95 else f"{value:.0f}"
-
-
-def _head(titles: tuple[str, ...]) -> list[str]:
-    return [_cells(list(titles)), "|---" * len(titles) + "|"]
-
-
-def _cells(cells: list[str]) -> str:
-    return f"| {' | '.join(cells)} |"

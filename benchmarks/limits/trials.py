@@ -7,14 +7,16 @@ one sample later. Numbers of a run are of true link positions, joints that slide
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from benchmarks.limits.encoders import BITS, Encoders
 from benchmarks.limits.laws import Product, Runs
 from benchmarks.limits.paths import (
     CURVES,
+    HALF,
     Path,
     chain,
     curve,
@@ -27,10 +29,12 @@ from benchmarks.limits.paths import (
 )  # fmt: skip
 from benchmarks.limits.plant import Stop, TrueArm
 from benchmarks.workspace.arm import LATENCY, PERIOD, Arm, damped
-from benchmarks.workspace.trip import NOISE, RESOLUTION
+from benchmarks.workspace.trip import NOISE
 
 __all__ = [
     "CURVED",
+    "ENCODERS",
+    "FRAMES",
     "TRIALS",
     "WITHIN",
     "Run",
@@ -50,6 +54,8 @@ GOALS, MANY, ROBOTS, SEED, MANY_SEED, NOISE_SEED, CORNERS_SEED = 2, 40, 8, 5, 20
 AFTER, SETTLE = 2.5, 2.0
 #: A move ends: samples that count for the remaining error and the ripple.
 TAIL = 300
+#: Slow moves: share of the speed limits, and of the way to a goal.
+SLOW, SHORT = 0.02, 0.1
 #: Robots of continuous tracking beside the nominal one.
 CORNERS = 2
 
@@ -65,6 +71,18 @@ class Trial:
     power: float = 1.0  # what the drives give, of the limits
     off: float = 0.0  # rad, how far all joints are from where the controller begins
     late: int = 0  # more samples of latency
+    bits: int = BITS  # of a turn of the encoders
+    noisy: bool = True
+    half_rate: str = ""  # "links" or "all", whose encoders tell something new at every second sample
+    slow: bool = False  # a short slow move
+    rest: bool = False
+    silent: float = 0.0  # s, from the middle of a move on the sensors repeat what they told
+    missing: bool = False  # or give NaN
+
+    @property
+    def lasts(self) -> float:
+        """Time from the middle of a move on for which something happens, s."""
+        return self.brake + self.stop + self.silent
 
 
 #: By name.
@@ -79,6 +97,26 @@ TRIALS = {
     "undersized": Trial("drives with half of the torque, full speed", power=0.5),
     "power-on": Trial("power-on 0.2 rad from the command", off=0.2),
     "late": Trial("two more samples of latency", late=2),
+}
+#: What encoders tell, by name: without noise, of few bits, at half of the rate; and frames that do not come.
+ENCODERS = {
+    **{
+        f"{name}-{bits}": replace(trial, title=f"{bits} bits: {trial.title}", bits=bits, noisy=False)
+        for bits in (13, 17, BITS)
+        for name, trial in {
+            "rest": Trial("at rest", rest=True),
+            "slow": Trial("a slow move", slow=True),
+            "brake": Trial("brakes for 0.1 s", brake=0.1),
+            "held": Trial("an obstacle for 0.5 s", stop=0.5),
+        }.items()
+    },
+    "half-rate": Trial("all at half of the rate", noisy=False, half_rate="all"),
+    "half-rate-links": Trial("those of links at half of the rate", noisy=False, half_rate="links"),
+}
+FRAMES = {
+    f"{'missing' if missing else 'repeated'}-{ms}": Trial(f"{ms} ms", silent=1e-3 * ms, missing=missing)
+    for missing in (False, True)
+    for ms in (2, 3, 5, 10)
 }
 #: Paths that are followed.
 CURVED = {"eight": "figure of eight", "circle": "circle", "pick": "pick and place"}
@@ -105,8 +143,8 @@ def drive(
 ) -> Run:  # fmt: skip
     """One path; the run ends where the arm is lost: half of its range beyond it, or not a number."""
     arm, count = plant.arm, len(path)
-    size = np.tile(np.where(arm.slides, RESOLUTION[1], RESOLUTION[0]), 2)
     errors = np.tile(noise, 2) * rng.standard_normal((count, 2 * arm.n))
+    encoders = Encoders.of(arm, errors, trial, path.moving // 2)
     q, dq, u = (np.zeros((count, arm.n)) for _ in range(3))
     middle, span = 0.5 * (arm.lower + arm.upper), arm.upper - arm.lower
     begin, own = path.moving // 2, isinstance(law, Product)
@@ -125,7 +163,7 @@ def drive(
         if not (np.abs(links - middle) <= span).all():
             return Run(q[:k], dq[:k], u[:k], True)
         q[k] = links
-        y = size * np.rint((np.concatenate((links, motors)) + errors[k]) / size)
+        y = encoders.read(k, np.concatenate((links, motors)))
         u[k] = np.minimum(np.maximum(law.step(y, path.reference(k, own)), -limit), limit)
         queue.append(u[k])
         plant.advance(queue.pop(0))
@@ -135,8 +173,8 @@ def drive(
 
 def ended(trial: Trial, path: Path) -> int:
     """The sample from which recovery counts: brakes are let go, the obstacle goes, the command stands still."""
-    if trial.brake or trial.stop:
-        return path.moving // 2 + round((trial.brake + trial.stop) / PERIOD)
+    if trial.lasts:
+        return path.moving // 2 + round(trial.lasts / PERIOD)
     return path.moving
 
 
@@ -148,6 +186,8 @@ def paths_of(arm: Arm, heavy: Arm, trial: Trial) -> list[tuple[Path, np.ndarray]
         away = np.where(arm.slides, 0.05 * (arm.upper - arm.lower), trial.off)
         away = np.where(arm.home + away > arm.upper, -away, away)
         return [(held(arm, arm.home, AFTER), arm.home + away)]
+    if trial.rest:
+        return [(held(arm, arm.home, AFTER), arm.home)]
     for k, goal in enumerate(goals):
         if trial.jump:
             start, to = (arm.home, goal)[k], np.array((arm.home, goal)[k])
@@ -155,8 +195,9 @@ def paths_of(arm: Arm, heavy: Arm, trial: Trial) -> list[tuple[Path, np.ndarray]
             to[0] += side * trial.jump
             found.append((jump(arm, start, to, AFTER), start))
         else:
-            speed = 1.0 if trial.power < 1.0 else 0.5
-            found.append((move(arm, heavy, arm.home, goal, speed, AFTER), arm.home))
+            speed = SLOW if trial.slow else 1.0 if trial.power < 1.0 else HALF
+            to = arm.home + SHORT * (goal - arm.home) if trial.slow else goal
+            found.append((move(arm, heavy, arm.home, to, speed, AFTER), arm.home))
     return found
 
 
@@ -173,7 +214,11 @@ def limits_of(arm: Arm, law: Runs, trial: Trial) -> dict[str, Any]:
         with np.errstate(all="ignore"):
             run = drive(plant, law, path, queue, noise_of(arm), rng, trial)
         end = ended(trial, path)
-        rows.append(_numbers(arm, path, begin, run, end, end if trial.stop else 0) | {"status": law.status})
+        cause = PERIOD * (path.moving // 2) if trial.lasts else 0.0
+        rows.append(
+            _numbers(arm, path, begin, run, end, end if trial.stop else 0)
+            | {"status": law.status, "said": law.said, "cause": cause}
+        )
     status = 0
     for row in rows:
         status |= row["status"]
@@ -182,7 +227,19 @@ def limits_of(arm: Arm, law: Runs, trial: Trial) -> dict[str, Any]:
         "beyond": _most(rows, "beyond"), "speed": _most(rows, "speed"),
         "back": None if None in back else max(back), "status": status, "runs": len(rows),
         "lost": sum(row["lost"] for row in rows), "refused": getattr(law, "refused", 0),
-        "hold": float(max(row["hold"] for row in rows)),
+        "hold": float(max(row["hold"] for row in rows)), "away": _most(rows, "away"), **said(rows),
+    }  # fmt: skip
+
+
+def said(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What a controller said in runs whose causes begin at times `cause`, s: when after these a protective stop would
+    have begun, and its bits, of each run; the longest time for which frames counted as repeated ones, in samples; and
+    readings that were not believed. Nothing of a rival."""
+    told = [row["said"] for row in rows if row["said"]]
+    stops = [None if one["stop"] is None else [round(one["stop"][0] - row["cause"], 3), one["stop"][1]]
+             for one, row in zip(told, rows)]  # fmt: skip
+    return {} if not told else {
+        "stops": stops, "unseen": max(one["unseen"] for one in told), "rejected": sum(one["rejected"] for one in told),
     }  # fmt: skip
 
 
@@ -192,14 +249,16 @@ def _numbers(arm: Arm, path: Path, begin: np.ndarray, run: Run, end: int, first:
         float((np.abs(arm.rest(q)[1]) / arm.limit).max()) for q in path.links[:: max(1, len(path) // 20)]
     )
     if run.lost:
-        return {"lost": True, "beyond": None, "speed": None, "back": None, "hold": weight}
+        return {"lost": True, "beyond": None, "speed": None, "back": None, "hold": weight, "away": None}
     ends = np.array([begin, path.start, path.goal])
     beyond = np.maximum(run.q - ends.max(axis=0), ends.min(axis=0) - run.q).max()
-    outside = np.flatnonzero(np.any(np.abs(run.q - path.links) > WITHIN, axis=1))
+    away = np.abs(run.q - path.links)
+    outside = np.flatnonzero(np.any(away > WITHIN, axis=1))
     last = int(outside[-1]) + 1 if len(outside) else 0
     return {
         "lost": False, "beyond": max(0.0, float(beyond)), "speed": float((np.abs(run.dq[first:]) / arm.speed).max()),
         "back": None if last >= len(run.q) else max(0.0, PERIOD * (last - end)), "hold": weight,
+        "away": float(away.max()),
     }  # fmt: skip
 
 

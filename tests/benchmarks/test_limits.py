@@ -7,19 +7,23 @@ import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import pytest
 from benchmarks.limits import arms as the_arms
 from benchmarks.limits.arms import ARMS, added, designed, named, noise_in, robot_of
+from benchmarks.limits.encoders import Encoders, step_of
 from benchmarks.limits.laws import DAMPING, RIPPLE, Product, Rival, tuned
 from benchmarks.limits.paths import CURVES, curve, heaviest, held, jump, needed, whole
 from benchmarks.limits.plant import Stop, TrueArm, stiff
 from benchmarks.limits.pushes import pushed, pushes_of
 from benchmarks.limits.rows import NONE, ROWS, Bench, kept, named_rows
-from benchmarks.limits.tables import TABLES, beyond_limits, judged, returns
-from benchmarks.limits.trials import TRIALS, drive, limits_of, noise_of
+from benchmarks.limits.rule import judged
+from benchmarks.limits.tables import TABLES, beyond_limits, returns
+from benchmarks.limits.trials import ENCODERS, FRAMES, TRIALS, drive, limits_of, noise_of
+from benchmarks.limits.watched import encoded
 from benchmarks.workspace.arm import LATENCY, PERIOD, SPRINGS, Arm, damped, pin
 from benchmarks.workspace.goals import Reference
 from scipy.integrate import solve_ivp
@@ -27,6 +31,7 @@ from tests.builders import LinearLaw
 
 import flexhinf as fh
 from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.loop.controller.stop import Stop as Reason
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.robot.workspace import workspace_of
@@ -188,17 +193,38 @@ def _rows(path: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return path.links[::10], rates[::10], np.gradient(rates, PERIOD, axis=0)[::10]
 
 
+def test_encoders_tell_steps_at_their_rate_and_nothing_new_in_silence(planar: Arm) -> None:
+    """A turn has 2¹³ steps; positions rise by ten steps a sample, from a quarter of one."""
+    n, count = 2 * planar.n, 12
+    step = np.full(n, 2.0 * np.pi / 2**13)
+    assert step_of(planar, 13) == pytest.approx(step)
+
+    def told(name: str) -> np.ndarray:
+        trial, noise = (ENCODERS | FRAMES)[name], np.full((count, n), 3e-5)
+        encoders = Encoders.of(planar, noise, replace(trial, bits=13, noisy=False), 4)
+        return np.array([encoders.read(k, (10.0 * k + 0.25) * step) / step for k in range(count)])
+
+    whole = np.tile(10.0 * np.arange(count)[:, None], n)
+    odd = whole - 10.0 * (np.arange(count) % 2)[:, None]
+    assert told("rest-13") == pytest.approx(whole)
+    assert told("half-rate") == pytest.approx(odd)
+    assert told("half-rate-links") == pytest.approx(np.hstack([odd[:, : planar.n], whole[:, planar.n :]]))
+    silent = (np.arange(count)[:, None] >= 4) & (np.arange(count)[:, None] < 7)
+    assert told("repeated-3") == pytest.approx(np.where(silent, 30.0, whole))
+    assert told("missing-3") == pytest.approx(np.where(silent, np.nan, whole), nan_ok=True)
+
+
 class Held:
     """A law that gives what is planned, and says one bit."""
 
-    status = 0
+    status, said = 0, MappingProxyType({})
 
     def start(self, q: np.ndarray) -> None:
-        self.began, self.counts = q, list[Any]()
+        self.began, self.told = q, list[Any]()
 
     def step(self, y: np.ndarray, reference: Any) -> np.ndarray:
         self.status |= 4
-        self.counts.append(y)
+        self.told.append(y)
         return reference.input
 
 
@@ -332,6 +358,45 @@ def test_the_rule_of_the_limits_is_judged() -> None:
     assert judged({"flexhinf": good}) == "not measured"
 
 
+def test_what_a_protective_stop_ends_is_listed_with_its_reason(tmp_path: Path) -> None:
+    """A brake is the drive's fault; an obstacle is none, so that ending it is a false alarm."""
+    own = {
+        "lost": 0,
+        "beyond": 0.05,
+        "speed": 0.9,
+        "back": 1.0,
+        "hold": 0.5,
+        "status": 4,
+        "away": 0.1,
+        "unseen": 0,
+        "rejected": 0,
+    }
+    brake = own | {"stops": [None, [0.012, int(Reason.INCONSISTENT)]]}
+    stop = own | {"stops": [[0.3, int(Reason.OSCILLATING)], [0.5, int(Reason.OSCILLATING)]]}
+    late = own | {"stops": [None, None], "unseen": 1}
+    push = {"stops": [[0.002, int(Reason.TOO_FAST)]]}
+    rows = {name: {"flexhinf": row} for name, row in (("brake-0.1", brake), ("stop", stop), ("late", late))}
+    rows["pushes"] = {"flexhinf": {"pushes": [push, {"stops": [None]}, {}]}}
+    (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
+    _, _, braked, held, pushed, _, counts = TABLES["stops"](tmp_path).splitlines()
+    assert "| inconsistent | paper 1: 12 ms | the drive" in braked
+    assert "| oscillating | paper 2: 300 to 500 ms | **false alarm**" in held
+    assert "| a push | too fast | paper 1: 2 ms |" in pushed
+    assert re.findall(r"\d+", counts) == ["3", "6", "1", "2"]
+
+    def missed(name: str, row: dict[str, Any], pd: float = 1.0) -> list[str]:
+        return encoded(ENCODERS[name], {"flexhinf": row, "pd": own | {"beyond": pd}})
+
+    assert missed("brake-13", brake) == []
+    assert missed("rest-13", brake) == ["stop"]
+    assert missed("brake-13", stop) == ["stop"]
+    assert missed("half-rate", late) == []
+    assert missed("rest-13", late) == ["missing"]
+    assert missed("half-rate", own | {"stops": [None], "rejected": 1}) == ["missing"]
+    assert missed("rest-13", late | {"lost": 1}) == ["lost", "missing"]
+    assert missed("slow-13", own | {"stops": [None]}, 0.01) == ["beyond"]
+
+
 def test_moves_beyond_a_limit_of_the_design_are_counted(tmp_path: Path) -> None:
     limits = {"remaining error": 1e-3, "tracking error": 5e-3}
     run = {
@@ -432,9 +497,8 @@ def test_pushes_give_links_their_speeds_at_poses_that_motors_can_hold(elastic: A
         assert plant.read()[0] - still == pytest.approx(PERIOD * push.speeds, rel=0.2, abs=0.2 * PERIOD)
 
 
-@pytest.mark.ci("compiles two controllers of one joint")
-def test_an_arm_that_is_pushed_is_judged_beside_its_law(tmp_path: Path) -> None:
-    """From three pushes; of the rule each part is missed by a number that is changed."""
+def save_paper(folder: Path) -> Any:
+    """The paper's arm, a controller of which is in the folder."""
     robot = robot_of("paper", None)
     design = fh.Specification(
         workspace="limits", measured=the_arms.MEASURED.split(","), peak_speed=2.0, saturation=48.0
@@ -442,16 +506,46 @@ def test_an_arm_that_is_pushed_is_judged_beside_its_law(tmp_path: Path) -> None:
     setup = WorkspaceSetup(robot, design, workspace_of(robot, "limits"), ModalLaw.tuned(
         robot.problem(fh.Penalty({"link_position": 1.0})), PERIOD, PairWeights(bandwidth=7.0, share=0.7)
     ))  # fmt: skip
-    setup.controller(np.zeros(1), supervision=setup.supervision).save(tmp_path / "controller")
+    setup.controller(np.zeros(1), supervision=setup.supervision).save(folder / "controller")
+    return robot
+
+
+@pytest.mark.ci("compiles two controllers of one joint")
+def test_an_arm_that_is_pushed_is_judged_beside_its_law(tmp_path: Path) -> None:
+    """From three pushes; of the rule each part is missed by a number that is changed."""
+    robot = save_paper(tmp_path)
     arm, laws = Arm.of(robot), [Product(robot, tmp_path, governed) for governed in (True, False)]
     row = pushed(arm, *laws, count=3)["pushes"]
     assert [one["where"] for one in row] == ["raised", "hanging", "home"]
     assert all(returns(one) for one in row)
+    assert all(len(one["stops"]) == 1 for one in row)
     for changed in ({"own": [1.2 * row[0]["law"][0], 0.5]}, {"own": [0.1, None]}, {"allowed": 0.0}):
         assert not returns(row[0] | changed)
     rows = {"pushes": {"flexhinf": {"pushes": row}}}
     (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
     assert TABLES["pushes"](tmp_path).splitlines()[-1].startswith("| paper | 3 | 3 | 3 |")
+
+
+@pytest.mark.ci("compiles two controllers of one joint")
+def test_what_would_stop_an_arm_is_recorded_and_does_not_act(tmp_path: Path) -> None:
+    """A start 0.2 rad off stops it at the first sample; its run is that of a controller without a protection. The
+    protection knows the encoders that it is told."""
+    save_paper(tmp_path)
+    arm, law = Arm.of(robot_of("paper", None)), Product(robot_of("paper", None), tmp_path)
+    watched, bare = law.told(step_of(arm, 13)), law.told(step_of(arm, 19))
+    assert watched.controller.protection is not None
+    assert watched.controller.protection.step == pytest.approx(step_of(arm, 13))
+    bare.controller = bare.controller.fresh(protection=None)
+    rows = [limits_of(arm, one, TRIALS["power-on"]) for one in (watched, bare)]
+    assert rows[0]["stops"] == [[PERIOD, int(Reason.BAD_START)]]
+    assert rows[1]["stops"] == [None]
+    assert [rows[0][key] for key in ("beyond", "speed", "back")] == [
+        rows[1][key] for key in ("beyond", "speed", "back")
+    ]
+    quiet = limits_of(arm, law.told(step_of(arm, 19)), FRAMES["repeated-3"])
+    assert quiet["stops"] == [None, None]
+    assert quiet["unseen"] == 3
+    assert quiet["away"] < 2e-3
 
 
 @pytest.mark.nightly("designs an arm and runs it: a kept row is what is measured again")
