@@ -283,7 +283,7 @@ TRIPS: Mapping[str, str] = {
     "held and let go": "a link held at full speed throws the joint behind it; a position drive that is held may swing "
     "from one end of its torque to the other",
     "hiccup": "drives that go on pushing for a second throw the arm far from its path",
-    "jitter": "at full speed, jitter of 25 % makes noise of which inputs swing over half of their range",
+    "jitter": "at full speed, jitter of 15 % and more is noise, of which inputs swing over half of their range",
 }
 
 #: Nothing is wrong: so many moves in a run, at full speed.

@@ -234,7 +234,7 @@ ROWS = {
     "standstill": {
         "speed": "their speed then",
         "input": "the input then",
-        "pushed": "samples for which the input has differed enough to move the motor",
+        "pushed": "samples for which the input has been larger by enough to move the motor",
     },
     "opposed": {
         "most": "largest speed against the input while it is at its limit",

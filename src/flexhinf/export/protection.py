@@ -381,7 +381,7 @@ class _Protected:
         """Largest torque of a motor (n,), by the limits of its input; of drives with an inner loop `torque`."""
 
         ends = np.maximum(np.abs(self.controller.limits.lower), np.abs(self.controller.limits.upper))
-        stated = np.abs(self.rates[0]) * self.motor_inertia * ends
+        stated = self.response * np.where(self.elastic, self.motor_inertia, self.link_inertia) * ends
         known = np.isfinite(stated) & (self.robot.drive not in INNER)
         return np.where(known, stated, TWICE * self.torque)
 

@@ -36,7 +36,7 @@ MOVED, SENSORS = 2.0, 2
 ALIKE, OFF = 0.25, 0.5
 
 #: A refused reading counts one towards the longest time without a sensor, a believed one takes back so much.
-FORGOTTEN = 0.5
+FORGOTTEN = 1.0
 
 
 class Readings(NamedTuple):

@@ -101,6 +101,17 @@ class Watch(NamedTuple):
     moved: tuple[int | None, ...] = ()
     alone: tuple[tuple[int, int], ...] = ()
 
+    @property
+    def carried(self) -> tuple[tuple[tuple[int, float], ...], ...]:
+        """Readings of what each input moves: of the motor, and of the link beyond its spring where that is one."""
+        links = {
+            pair.input: tuple((place, 1.0) for place, _ in pair.links)
+            for pair in self.pairs
+            if len(pair.links) == 1
+        }
+        own = [() if place is None else ((place, 1.0),) for place in self.moved]
+        return tuple((*first, *(links.get(k, ()) if first else ())) for k, first in enumerate(own))
+
 
 #: Signs of a protective stop, in the order of their flags, behind whether a frame is a repeated one.
 SIGNS = (
@@ -229,22 +240,23 @@ def runaway(
 
 @gives("opposed_next", "opposed")
 def opposed(
-    places: Sequence[int | None], u: Elements, readings: Elements, held: Elements, lower: Elements, upper: Elements,
-    swings: Elements, period: Elements, fastest: Elements,
+    places: Sequence[Sequence[tuple[int, float]]], u: Elements, readings: Elements, held: Elements, lower: Elements,
+    upper: Elements, swings: Elements, period: Elements, fastest: Elements,
 ) -> tuple[Elements, Elements]:  # fmt: skip
     """Of each input the largest speed against it while it is at its limit, and for how many samples it is (2, m);
     and whether one does not slow the motion down (1,).
 
-    `places` are those of the readings of what the inputs move, None where nothing tells it; the first row of `swings`
+    `places` are those of the readings of what the inputs move, with what each adds: a spring may carry a motor while
+    the link that pushes it slows down. None tells it where there is no place. The first row of `swings`
     is how near an input is at its limit, and `fastest` (p,) are limits of the readings' speeds: what stands is not
     opposed. Below 0 samples, speeds are not known for so many.
     """
     speeds = Readings(*readings).speed / period[0]
     columns, flags = list[list[Element]](), list[Element]()
-    for place, value, low, high, near, most, count in zip(places, u, lower, upper, swings[0], *held):
+    for moved, value, low, high, near, most, count in zip(places, u, lower, upper, swings[0], *held):
         push = where(value >= high - near, 1.0, where(value <= low + near, -1.0, 0.0))
-        against = 0.0 if place is None else -push * speeds[place]
-        stands = 0.0 if place is None else STANDING * minimum(fastest[place], UNSTATED)
+        against = sum((-push * share * speeds[at] for at, share in moved), 0.0)
+        stands = STANDING * minimum(fastest[moved[0][0]], UNSTATED) if moved else 0.0
         full = where(count < -0.5, count + 1.0, where(against > stands, count + 1.0, 0.0))
         most = where(full < 1.5, against, maximum(most, against))
         columns.append([most, full])
@@ -270,7 +282,8 @@ def oscillating(u: Elements, swung: Elements, period: Elements, sizes: Elements)
             where((since + 1.0) * period[0] > LONGEST, 0.0, 1.0),
         )
         now = absolute(extreme - foot)
-        counts = where(now > large, 1.0, where(now > GROWS * size, 1.0, 0.0))
+        grows = where(size > 0.0, now - GROWS * size, 0.0)
+        counts = where(now > large, 1.0, where(grows > 0.0, 1.0, 0.0))
         further = where(direction * (extreme - value) < 0.0, value, extreme)
         columns.append([
             where(turns, value, further), where(turns, extreme, foot), where(turns, -direction, direction),
@@ -295,8 +308,8 @@ def stuck(
     steps: Elements, hardest: Elements, breakaway: Elements,
 ) -> tuple[Elements, Elements]:  # fmt: skip
     """Speeds of encoders of motors and the inputs when their readings changed last, and for how many samples the input
-    has differed by enough to move the motor (3, s); and whether one stands though its motor could not have stopped so
-    soon, or must have moved (1,).
+    has been larger by enough to move the motor (3, s); and whether one stands though its motor could not have stopped
+    so soon, or must have moved (1,).
 
     `places` are those of the readings and of the inputs u (m,) that acted until now; `hardest` (s,) are the largest
     accelerations of the motors, and `breakaway` (s,) changes of their inputs that move them.
@@ -308,7 +321,7 @@ def stuck(
         moves = now.still[place] < 0.5
         speed = where(moves, now.speed[place] / period[0], before)
         pushed = where(moves, u[input], pushed)
-        count = where(absolute(u[input] - pushed) > least, count + 1.0, 0.0)
+        count = where(absolute(u[input]) > absolute(pushed) + least, count + 1.0, 0.0)
         further = speed * speed - 2.0 * most * MOVED * steps[place]
         stands = where(further > 0.0, now.still[place], count)
         columns.append([speed, pushed, count])
@@ -409,7 +422,7 @@ def signs(
     )  # fmt: skip
     flags["too_fast"] = run.call(too_fast, seen.readings, data.fastest, data.period)
     after["opposed"], flags["opposed"] = run.call(
-        partial(opposed, watch.moved), seen.u, seen.readings, memory.opposed, data.lower, data.upper, data.swings,
+        partial(opposed, watch.carried), seen.u, seen.readings, memory.opposed, data.lower, data.upper, data.swings,
         data.period, data.fastest,
     )  # fmt: skip
     after["swung"], flags["oscillating"] = run.call(
