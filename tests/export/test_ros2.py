@@ -33,8 +33,7 @@ pytestmark = [
 
 HERE = Path(__file__).parent / "ros2"
 PERIOD, FOLLOWING = 1e-3, 0.1  # s; rad, from where on a joint does not follow
-LOOKS = 51  # samples that it looks at before the first of its own
-ARM = fh.paper_arm()
+LOOKS, ARM = 51, fh.paper_arm()  # samples that it looks at before the first of its own
 VERSIONS = {"HUMBLE": (), "JAZZY": ("-DJAZZY",), "ROLLING": ("-DJAZZY", "-DROLLING")}
 STRICT = ("-std=c++17", "-O0", "-fPIC", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{HERE / 'stubs'}")
 
@@ -383,13 +382,11 @@ def test_what_does_not_fit_is_refused_at_the_configuration(
 def test_an_interface_that_is_missing_or_not_measured_is_refused(
     arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    one = arm()
-    assert one.configure() == 0
+    assert (one := arm()).configure() == 0
     for left_out, name in (((1, 0), "joint/position"), ((0, 1), "joint/voltage")):
         assert one.activate([0.0], left_out) == 1
         assert name in capfd.readouterr().err
-    assert one.activate([math.nan]) == 1
-    assert one.activate([0.0]) == 0
+    assert [one.activate([q]) for q in (math.nan, 0.0)] == [1, 0]
 
 
 @pytest.mark.parametrize(("period", "calls"), [(2e-3, 3), (1.12e-3, 56)])
@@ -449,16 +446,14 @@ def test_a_command_that_is_none_changes_nothing_and_an_old_one_is_over(
 
 def test_health_is_published(arm: Callable[[], Manager]) -> None:
     one = arm()
-    assert one.configure(publish_every=1) == 0
-    assert one.activate([0.0]) == 0
+    assert (one.configure(publish_every=1), one.activate([0.0])) == (0, 0)
     for _ in range(5):
         one.update([0.0])
-    assert one.published("health", "code") == 0
-    assert one.published("measured", "link_position") == 0
-    assert one.published("input", "motor_voltage") == one.input()
+    read = [("health", "code"), ("measured", "link_position"), ("input", "motor_voltage")]
+    assert [one.published(*each) for each in read] == [0, 0, one.input()]
     assert one.update([0.0], 3 * PERIOD) == 0
-    assert one.published("health", "late_samples") == 1
-    assert one.published("health", "doubtful_estimate") == 0
+    said = [one.published("health", name) for name in ("late_samples", "doubtful_estimate")]
+    assert said == [1, 0]
 
 
 def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[[], Manager]) -> None:
