@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from tests.builders import arm_controller
 import flexhinf as fh
 from flexhinf.export import protected
 from flexhinf.loop.controller.readings import Readings
+from flexhinf.loop.controller.signs import opposed, oscillating
 from flexhinf.loop.controller.stop import LONGEST
 from flexhinf.stops import Stop
 
@@ -272,3 +273,47 @@ def test_power_and_reasons_are_those_of_the_compiled_controller(tmp_path: Any) -
         assert library.output == pytest.approx(u, abs=1e-9), k
     assert controller.stop
     assert library.counts == controller.counts
+
+
+def swung(values: Sequence[float], small: float, large: float) -> bool:
+    """Whether inputs, one for each millisecond, are called an oscillation."""
+    state, found = np.array([[values[0]], [values[0]], [1.0], [0.0], [0.0], [0.0]]), np.zeros(1)
+    for value in values:
+        sizes, period = np.array([[small], [large]]), np.array([1e-3])
+        state, flag = oscillating(np.array([value]), state, period, sizes)
+        found = np.maximum(found, flag)
+    return bool(found[0])
+
+
+def test_swings_that_do_not_grow_are_noise_and_large_ones_are_not() -> None:
+    """Behind a rest the first swing is not one that grows, whatever came before it."""
+    rng = np.random.default_rng(2)
+    rest = [0.0] * 400
+    assert not swung([*rest, *(1.5 * rng.uniform(-1.0, 1.0, 400)), *rest], 1.0, 20.0)
+    assert not swung([*rest, *(2.0 * (-1.0) ** k * 1.1**k for k in range(5)), *rest], 1.0, 20.0)
+    assert swung([*rest, *(2.0 * (-1.0) ** k * 1.3**k for k in range(9))], 1.0, 20.0)
+    assert swung([*rest, *(11.0 * (-1.0) ** k for k in range(8))], 1.0, 20.0)
+
+
+def opposes(speeds: Sequence[Sequence[float]], places: Sequence[tuple[int, float]]) -> bool:
+    """Whether an input at its upper limit is opposed, by speeds (rad/s) of a motor and its link at each millisecond."""
+    held, found = np.zeros((2, 1)), np.zeros(1)
+    for row in speeds:
+        readings = np.zeros((len(Readings._fields), 2))
+        readings[Readings._fields.index("speed")] = 1e-3 * np.array(row)
+        held, flag = opposed(
+            [places], np.array([5.0]), readings, held, np.array([-5.0]), np.array([5.0]), np.full((2, 1), 0.1),
+            np.array([1e-3]), np.array([3.0, 3.0]),
+        )  # fmt: skip
+        found = np.maximum(found, flag)
+    return bool(found[0])
+
+
+def test_a_motor_that_its_spring_carries_is_no_reversed_drive() -> None:
+    """A push: the link slows down while the motor is carried; and a drive that pushes the wrong way moves both."""
+    both, t = [(0, 1.0), (1, 1.0)], np.linspace(0.0, 1.0, 60)
+    pushed = np.column_stack([-2.0 * t, -5.0 + 4.0 * t])
+    assert not opposes(pushed.tolist(), both)
+    assert opposes(pushed.tolist(), both[:1])  # what its motor alone would say
+    assert opposes(np.column_stack([-4.0 * t, -3.0 * t]).tolist(), both)
+    assert not opposes((0.01 * np.sin(40.0 * pushed)).tolist(), both)  # it stands
