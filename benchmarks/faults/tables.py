@@ -109,7 +109,14 @@ def tried(results: Mapping[str, Any]) -> str:
     """A line for each fault, the worst of all arms, for ``safety.md``."""
     arms = results["arms"]
     lines = _head(
-        ("fault", "noticed after", "by then", "rests after", "furthest after the notice", "not noticed")
+        (
+            "fault",
+            "noticed after",
+            "by then",
+            "rests after",
+            "furthest after the notice",
+            "not as it should be, or not noticed",
+        )
     )
     for name, fault in FAULTS.items():
         every = [arms[arm][name] for arm in arms if name in arms[arm]]
@@ -119,7 +126,7 @@ def tried(results: Mapping[str, Any]) -> str:
         quiet = [
             f"{sum(one.get(end, 0) for one in every)} {end}"
             for end in VERDICTS
-            if end not in ("kept", "far", "slow", "late") and any(end in one for one in every)
+            if end != "kept" and any(end in one for one in every)
         ]
         when, wrong, rested, way = (
             max((one[key] for one in noticed if key in one), default=None)

@@ -12,6 +12,7 @@ from tests.export.test_code import STRICT
 from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
+from flexhinf.export import protected
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.follow import follower_of
 from flexhinf.robot import FollowCode, FollowGoal
@@ -165,3 +166,21 @@ def test_goals_of_the_main_program_end_where_drives_do(
     assert ends[2].partition(" ")[2] == "goal 3 -4 3"
     assert said[-1].partition(" ")[2] == "stop 1"
     assert found[590] == pytest.approx(u, rel=1e-3)
+
+
+@pytest.mark.ci("compiles the main program of an export twice")
+@pytest.mark.parametrize(("rests", "off"), [(50, (0, 500)), (700, (690, 1200))], ids=["late", "again"])
+def test_what_is_turned_by_hand_without_power_stops_nothing(
+    rests: int, off: tuple[int, int], compiler: str, sources_of: Callable[..., Path]
+) -> None:
+    """Before the drives are enabled, away from where the design begins, and when they are enabled again."""
+    robot = robot_of("planar-two-link")
+    one, _ = protected(watched(), robot)
+    states, inputs = zip(*(robot.operating_point(pose) for pose in ((-0.2, 0.3), (0.4, -0.3))))
+    first, last = (state[[0, 1, 4, 5]] for state in states)
+    turned = np.linspace(first, last, 300)
+    rows = np.vstack([np.tile(first, (rests, 1)), turned, np.tile(last, (700, 1))])
+    found, said = play(sources_of(one, "double", robot), compiler, rows, {}, off=off)
+    assert said == []
+    assert len(found) == len(rows)
+    assert found[-1] == pytest.approx(inputs[1], rel=1e-3)

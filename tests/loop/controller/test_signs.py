@@ -295,14 +295,14 @@ def test_swings_that_do_not_grow_are_noise_and_large_ones_are_not() -> None:
     assert swung([*rest, *(11.0 * (-1.0) ** k for k in range(8))], 1.0, 20.0)
 
 
-def opposes(speeds: Sequence[Sequence[float]], places: Sequence[tuple[int, float]]) -> bool:
+def opposes(speeds: Sequence[Sequence[float]], place: int) -> bool:
     """Whether an input at its upper limit is opposed, by speeds (rad/s) of a motor and its link at each millisecond."""
     held, found = np.zeros((2, 1)), np.zeros(1)
     for row in speeds:
         readings = np.zeros((len(Readings._fields), 2))
         readings[Readings._fields.index("speed")] = 1e-3 * np.array(row)
         held, flag = opposed(
-            [places], np.array([5.0]), readings, held, np.array([-5.0]), np.array([5.0]), np.full((2, 1), 0.1),
+            [place], np.array([5.0]), readings, held, np.array([-5.0]), np.array([5.0]), np.full((2, 1), 0.1),
             np.array([1e-3]), np.array([3.0, 3.0]),
         )  # fmt: skip
         found = np.maximum(found, flag)
@@ -311,9 +311,11 @@ def opposes(speeds: Sequence[Sequence[float]], places: Sequence[tuple[int, float
 
 def test_a_motor_that_its_spring_carries_is_no_reversed_drive() -> None:
     """A push: the link slows down while the motor is carried; and a drive that pushes the wrong way moves both."""
-    both, t = [(0, 1.0), (1, 1.0)], np.linspace(0.0, 1.0, 60)
+    t, watch = np.linspace(0.0, 1.0, 60), made().mode.protected
+    assert watch is not None
+    assert (watch.moved, watch.carried) == ((1,), (0,))  # of the readings of link and motor
     pushed = np.column_stack([-2.0 * t, -5.0 + 4.0 * t])
-    assert not opposes(pushed.tolist(), both)
-    assert opposes(pushed.tolist(), both[:1])  # what its motor alone would say
-    assert opposes(np.column_stack([-4.0 * t, -3.0 * t]).tolist(), both)
-    assert not opposes((0.01 * np.sin(40.0 * pushed)).tolist(), both)  # it stands
+    assert not opposes(pushed.tolist(), 1)
+    assert opposes(pushed.tolist(), 0)  # what its motor alone would say
+    assert opposes(np.column_stack([-4.0 * t, -3.0 * t]).tolist(), 1)
+    assert not opposes((0.01 * np.sin(40.0 * pushed)).tolist(), 1)  # it stands

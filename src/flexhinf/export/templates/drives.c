@@ -68,6 +68,13 @@ static int still_enabled(int enabled, @{name}_input *input, @{name}_output *outp
     }
     return now;
 }
+
+/* Whether drives hear what is computed, so that @{name}_may_act decides: with them off, an arm that is turned by hand stops
+ * nothing. A stop that has begun goes on. */
+static int is_heard(int enabled, const @{name}_output *output)
+{
+    return (@{NAME}_ENABLED == 0 && (enabled != 0 || output->stop != 0)) ? 1 : 0;
+}
 {% endmacro %}
 
 {# The statement that makes a command rest at `home`. #}

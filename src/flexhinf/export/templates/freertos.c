@@ -66,7 +66,7 @@ static void control(void *unused)
         input.elapsed = seconds_since_sample();
         code = @{name}_step(&state, &@{name}_defaults, &input, &output);
         report(code);
-        if (@{NAME}_ENABLED == 0 && @{name}_may_act(&state, &@{name}_defaults, code, &output) == 0) { /* look at the robot, then begin again with @{name}_start */
+        if (is_heard(enabled, &output) != 0 && @{name}_may_act(&state, &@{name}_defaults, code, &output) == 0) { /* look at the robot, then begin again with @{name}_start */
             brake(output.stop);
             vTaskDelete(NULL);
         } else if (@{NAME}_LATENCY == 0) {

@@ -126,7 +126,7 @@ int main(void)
         input.elapsed = seconds_since_sample();
         code = @{name}_step(&state, &@{name}_defaults, &input, &output);
         report(code);
-        acts = (@{NAME}_ENABLED != 0) ? 1 : @{name}_may_act(&state, &@{name}_defaults, code, &output); /* a controlled stop has an output.u of its own */
+        acts = (is_heard(enabled, &output) != 0) ? @{name}_may_act(&state, &@{name}_defaults, code, &output) : 1; /* a controlled stop has an output.u of its own */
 {% if follows %}
         if (output.stop != 0) {
             leave(output.status);

@@ -62,7 +62,7 @@ void loop()
     before_us = now_us;
     const int code = @{name}_step(&state, &@{name}_defaults, &input, &output);
     report(code);
-    acts = @{NAME}_ENABLED != 0 || @{name}_may_act(&state, &@{name}_defaults, code, &output) != 0;
+    acts = is_heard(enabled, &output) == 0 || @{name}_may_act(&state, &@{name}_defaults, code, &output) != 0;
     if (acts && code == @{NAME}_OK) {
         restart_watchdog();
     }

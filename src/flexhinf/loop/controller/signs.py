@@ -102,15 +102,10 @@ class Watch(NamedTuple):
     alone: tuple[tuple[int, int], ...] = ()
 
     @property
-    def carried(self) -> tuple[tuple[tuple[int, float], ...], ...]:
-        """Readings of what each input moves: of the motor, and of the link beyond its spring where that is one."""
-        links = {
-            pair.input: tuple((place, 1.0) for place, _ in pair.links)
-            for pair in self.pairs
-            if len(pair.links) == 1
-        }
-        own = [() if place is None else ((place, 1.0),) for place in self.moved]
-        return tuple((*first, *(links.get(k, ()) if first else ())) for k, first in enumerate(own))
+    def carried(self) -> tuple[int | None, ...]:
+        """The reading of what each input moves in the end: of the one link beyond its spring, else of its motor."""
+        links = {pair.input: pair.links[0][0] for pair in self.pairs if len(pair.links) == 1}
+        return tuple(links.get(k, place) for k, place in enumerate(self.moved))
 
 
 #: Signs of a protective stop, in the order of their flags, behind whether a frame is a repeated one.
@@ -240,23 +235,23 @@ def runaway(
 
 @gives("opposed_next", "opposed")
 def opposed(
-    places: Sequence[Sequence[tuple[int, float]]], u: Elements, readings: Elements, held: Elements, lower: Elements,
-    upper: Elements, swings: Elements, period: Elements, fastest: Elements,
+    places: Sequence[int | None], u: Elements, readings: Elements, held: Elements, lower: Elements, upper: Elements,
+    swings: Elements, period: Elements, fastest: Elements,
 ) -> tuple[Elements, Elements]:  # fmt: skip
     """Of each input the largest speed against it while it is at its limit, and for how many samples it is (2, m);
     and whether one does not slow the motion down (1,).
 
-    `places` are those of the readings of what the inputs move, with what each adds: a spring may carry a motor while
-    the link that pushes it slows down. None tells it where there is no place. The first row of `swings`
+    `places` are those of the readings of what the inputs move, None where nothing tells it: links, since a spring may
+    carry a motor while the link that pushes it slows down. The first row of `swings`
     is how near an input is at its limit, and `fastest` (p,) are limits of the readings' speeds: what stands is not
     opposed. Below 0 samples, speeds are not known for so many.
     """
     speeds = Readings(*readings).speed / period[0]
     columns, flags = list[list[Element]](), list[Element]()
-    for moved, value, low, high, near, most, count in zip(places, u, lower, upper, swings[0], *held):
+    for place, value, low, high, near, most, count in zip(places, u, lower, upper, swings[0], *held):
         push = where(value >= high - near, 1.0, where(value <= low + near, -1.0, 0.0))
-        against = sum((-push * share * speeds[at] for at, share in moved), 0.0)
-        stands = STANDING * minimum(fastest[moved[0][0]], UNSTATED) if moved else 0.0
+        against = 0.0 if place is None else -push * speeds[place]
+        stands = 0.0 if place is None else STANDING * minimum(fastest[place], UNSTATED)
         full = where(count < -0.5, count + 1.0, where(against > stands, count + 1.0, 0.0))
         most = where(full < 1.5, against, maximum(most, against))
         columns.append([most, full])

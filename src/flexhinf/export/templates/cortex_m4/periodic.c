@@ -73,7 +73,7 @@ void tick(void)
     input.elapsed = seconds_since_sample();
     code = @{name}_step(&state, &@{name}_defaults, &input, &output);
     report(code);
-    if (@{NAME}_ENABLED == 0 && @{name}_may_act(&state, &@{name}_defaults, code, &output) == 0) { /* it is called no more: look at the robot, then begin again with @{name}_start */
+    if (is_heard(enabled, &output) != 0 && @{name}_may_act(&state, &@{name}_defaults, code, &output) == 0) { /* it is called no more: look at the robot, then begin again with @{name}_start */
         SYSTICK_CONTROL = 0;
         brake(output.stop);
         return;
