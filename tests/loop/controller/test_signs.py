@@ -313,7 +313,7 @@ def test_a_motor_that_its_spring_carries_is_no_reversed_drive() -> None:
     """A push: the link slows down while the motor is carried; and a drive that pushes the wrong way moves both."""
     t, watch = np.linspace(0.0, 1.0, 60), made().mode.protected
     assert watch is not None
-    assert (watch.moved, watch.carried) == ((1,), (0,))  # of the readings of link and motor
+    assert (watch.moved, watch.driven) == ((1,), (0,))  # of the readings of link and motor
     pushed = np.column_stack([-2.0 * t, -5.0 + 4.0 * t])
     assert not opposes(pushed.tolist(), 1)
     assert opposes(pushed.tolist(), 0)  # what its motor alone would say

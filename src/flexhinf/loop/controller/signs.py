@@ -102,7 +102,7 @@ class Watch(NamedTuple):
     alone: tuple[tuple[int, int], ...] = ()
 
     @property
-    def carried(self) -> tuple[int | None, ...]:
+    def driven(self) -> tuple[int | None, ...]:
         """The reading of what each input moves in the end: of the one link beyond its spring, else of its motor."""
         links = {pair.input: pair.links[0][0] for pair in self.pairs if len(pair.links) == 1}
         return tuple(links.get(k, place) for k, place in enumerate(self.moved))
@@ -417,7 +417,7 @@ def signs(
     )  # fmt: skip
     flags["too_fast"] = run.call(too_fast, seen.readings, data.fastest, data.period)
     after["opposed"], flags["opposed"] = run.call(
-        partial(opposed, watch.carried), seen.u, seen.readings, memory.opposed, data.lower, data.upper, data.swings,
+        partial(opposed, watch.driven), seen.u, seen.readings, memory.opposed, data.lower, data.upper, data.swings,
         data.period, data.fastest,
     )  # fmt: skip
     after["swung"], flags["oscillating"] = run.call(
