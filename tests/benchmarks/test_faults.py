@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import secrets
 import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -310,6 +311,19 @@ def test_the_quick_matrix(
     row = one(programs[found[1]], Planned(found[1], found[2], int(found[3])))
     assert (judged(row) if found[2] in FAULTS else "stopped") == again[1]
     assert row in rows
+
+
+@pytest.mark.nightly("3,700 runs and 4,000 moves, by a seed that is drawn")
+def test_the_whole_matrix(programs: Mapping[str, Program], tmp_path: Path) -> None:
+    """No arm runs away and no move is stopped; few faults are late or further than an ideal stop."""
+    seed = secrets.randbits(31)
+    campaign = Campaign({name: programs[name] for name in ARMS}, seed, 10, 1000, tmp_path)
+    campaign.make()
+    rows = campaign.rows()
+    bad = failures(rows)
+    assert not [row for row in bad if judged(row) == "away"], f"--seed {seed}"
+    assert not [row for row in trips(rows) if row["fault"] not in TRIPS], f"--seed {seed}"
+    assert len(bad) <= 0.02 * len(rows), f"--seed {seed}"
 
 
 @pytest.mark.ci("exports a controller and compiles it")
