@@ -22,7 +22,7 @@ BRAKED = Stop.INCONSISTENT | Stop.STUCK
 #: Why a run is ended, by what happens and the reason.
 PUSH = "a push"
 ALARM = "**false alarm**"
-CARRIED = f"{ALARM}: a spring carries the motor on while its link is slowed"
+CARRIED = f"{ALARM}: what is pushed slows down by less than a tenth in 20 ms"
 DAMPED = f"{ALARM}: an impact, or what is let go, swings until inputs have damped it"
 WHY = {
     ("brake", Stop.INCONSISTENT): "the drive gives nothing, and nobody says so",
