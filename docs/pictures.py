@@ -245,7 +245,7 @@ PICTURES: dict[str, Picture] = {
     "ros2": Picture("Interfaces, topics and action of the plugin", in_ros),
     "realtime": Picture("Step in MuJoCo, link and voltage over time", figure("run/index.html", "result")),
     "supervision": Picture(
-        "A load pushes the link at 2 s, and the input reaches its limit", figure("run/index.html", "result")
+        "A load pushes the link at 2 s, and a protective stop follows", figure("run/index.html", "result")
     ),
     "estimators": Picture("True and estimated path about a beacon", tracked),
     "guides/own_plant": Picture("Cart and pendulum come to rest", run_of),

@@ -13,6 +13,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design.result import CampaignKeywords, ComparisonKeywords
+from flexhinf.export.protection import protected
 from flexhinf.loop import ControllerOptions
 from flexhinf.options import CampaignOptions
 
@@ -169,6 +170,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "Waypoints": fh.Waypoints(time, np.sin(time)), "Samples": fh.Samples(np.arange(1e4), np.arange(1e4)),
         "Braked": fh.Braked(fh.Sine(1.0, frequency=0.5), at=1.0), "Constant": fh.Constant(1.0), "Step": fh.Step(1.0),
         "Sine": fh.Sine(1.0, frequency=0.5), "Quintic": fh.Quintic(0.0, 1.0, 1.0), "Parameter": arm.parameters[0],
+        "Protection": protected(controller, arm)[0].protection, "Stop": ~fh.Stop(0), "Start": ~fh.Start(0),
         "Diagnosis": fh.Diagnosis("innovations", 3, "a larger noise"), "modes": seven.modes(), "filter_log": data,
     }  # fmt: skip
 

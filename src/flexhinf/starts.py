@@ -34,7 +34,14 @@ STARTS = {
 
 
 class Start(enum.IntFlag):
-    """What speaks against a start, or is not known there; the exported C has the same numbers."""
+    """What speaks against a start, or is not known there; the exported C has the same numbers.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> print(fh.Start.MOVES)
+    the robot moves
+    """
 
     MISSING = 1
     MOVES = 2

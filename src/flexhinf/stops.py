@@ -69,7 +69,14 @@ STOPS = {
 
 
 class Stop(enum.IntFlag):
-    """Reasons of a protective stop, in the order of their bits; the exported C has the same numbers."""
+    """Reasons of a protective stop, in the order of their bits; the exported C has the same numbers.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> print(fh.Stop.RUNAWAY)
+    a joint moves away from its command
+    """
 
     WRONG_PERIOD = 1
     STEP_FAILED = 2

@@ -378,10 +378,13 @@ def test_what_a_protective_stop_ends_is_listed_with_its_reason(tmp_path: Path) -
     rows = {name: {"flexhinf": row} for name, row in (("brake-0.1", brake), ("stop", stop), ("late", late))}
     rows["pushes"] = {"flexhinf": {"pushes": [push, {"stops": [None]}, {}]}}
     (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
-    _, _, braked, held, pushed, _, counts = TABLES["stops"](tmp_path).splitlines()
-    assert "| inconsistent | paper 1: 12 ms | the drive" in braked
-    assert "| oscillating | paper 2: 300 to 500 ms | **false alarm**" in held
-    assert "| a push | too fast | paper 1: 2 ms |" in pushed
+    _, _, *listed, _, counts = TABLES["stops"](tmp_path).splitlines()
+    braked, held, pushed = ([cell.strip() for cell in row.split("|")[1:]] for row in listed)
+    assert braked[1:3] == ["inconsistent", "paper 1: 12 ms"]
+    assert braked[3].startswith("the drive")
+    assert held[1:3] == ["oscillating", "paper 2: 300 to 500 ms"]
+    assert held[3].startswith("**false alarm**")
+    assert pushed[:3] == ["a push", "too fast", "paper 1: 2 ms"]
     assert re.findall(r"\d+", counts) == ["3", "6", "1", "2"]
 
     def missed(name: str, row: dict[str, Any], pd: float = 1.0) -> list[str]:

@@ -374,6 +374,7 @@ def test_a_proof_that_says_more_of_moves_than_its_certificate_is_not_proved(foun
     checked = checked_of(numbers, loop)
     assert isinstance(checked, CheckedMoves)
     whole = {"pairs": loop, "proved": pairs._asdict(), "moves": numbers, "moving": checked._asdict()}
+    whole["controller"] = proof.of_controller(estimates=False)
     verdict = proof.pair_verdict(json.loads(json.dumps(whole)))
     assert verdict.is_proved
     assert unnamed(pair_text(verdict), "Proved", at_least(checked.rate, 3), "Coriolis") == []

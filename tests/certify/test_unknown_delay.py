@@ -17,7 +17,7 @@ from flexhinf.certify.checker.pairs import Box, CheckedPairs, box_proved, check_
 from flexhinf.design import Specification
 from flexhinf.design.workspace.pair_proof import claim_numbers, pair_certificate
 from flexhinf.design.workspace.preset import check_provable
-from flexhinf.design.workspace.proof import pair_verdict
+from flexhinf.design.workspace.proof import of_controller, pair_verdict
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance
@@ -255,16 +255,17 @@ def test_a_file_that_says_less_delay_than_its_design_has_is_refused(
 ) -> None:
     """Its certificate holds delays up to 0.8 samples."""
     numbers = {**found[1], "intervals": found[1]["intervals"][:1]}
-    verdict = pair_verdict({"pairs": numbers, "unknown_delay": DELAY})
+    file = {"pairs": numbers, "controller": of_controller(estimates=False)}
+    verdict = pair_verdict({**file, "unknown_delay": DELAY})
     assert verdict.is_proved
     assert "0.8 ms" in pair_text(verdict)
     assert verdict.checked is not None
     for unknown in (1, 0.9, True, "0.5", None):
-        other = pair_verdict({"pairs": numbers, "unknown_delay": unknown})
+        other = pair_verdict({**file, "unknown_delay": unknown})
         assert not other.is_proved
         assert "samples" in other.beyond
     proved = {**verdict.checked._asdict(), "delay": 1.0}
-    assert not pair_verdict({"pairs": numbers, "unknown_delay": 0.5, "proved": proved}).is_proved
+    assert not pair_verdict({**file, "unknown_delay": 0.5, "proved": proved}).is_proved
     assert delay_text(verdict.checked._replace(delay=0.0), PERIOD) == ""
 
 

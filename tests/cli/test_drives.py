@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests import workspaces
 from tests.cli.conftest import QUICK
@@ -29,7 +30,7 @@ def kinds(first: str, second: str) -> pytest.MarkDecorator:
 #: Lines of a drive, its largest command and its period.
 DRIVES = {
     "position": (
-        'drive_bandwidth = {value = "18 Hz", tolerance = 20}\ndrive_damping_ratio = 0.9\ndrive_rate_limit = 5.0\n'
+        'drive_bandwidth = {value = "18 Hz", tolerance = 20}\ndrive_damping_ratio = 0.9\ndrive_rate_limit = 2.5\n'
         "drive_acceleration_limit = 200.0",
         2.0,
         "4ms",
@@ -90,8 +91,13 @@ def test_a_design_of_one_pose_goes_everywhere(
         0,
     )
     assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []
+    controller, stated = fh.load_controller(folder / "one"), fh.load_robot(folder / robot).nominal
     if drive == "position":
-        assert fh.load_controller(folder / "one").limits.rate.tolist() == [5.0]
+        assert controller.limits.rate.tolist() == [2.5]
+    assert controller.protection is not None
+    inertia = stated["inertia_yy"] + stated["mass"] * stated["centre_of_mass_x"] ** 2
+    felt = stated["stiffness"] / stated["motor_inertia"] * (drive == "position")  # the other rejects its load
+    assert np.ravel(controller.protection.winding) == pytest.approx([felt, stated["stiffness"] / inertia])
     done(["campaign", "run", "one", "--samples", "4", "--out", "many"])
     assert ("largest acceleration" in (folder / "many" / "index.html").read_text()) == (drive == "position")
     done(["campaign", "compare", "one", "one", "--samples", "4", "--out", "both"])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -12,17 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, solve_discrete_are
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.plans import BEYOND
 from flexhinf.design.specification import SpecificationError
-from flexhinf.design.workspace.design import check_loop
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.setup import ACCELERATION, OFFSET, OFFSET_TIME, WorkspaceSetup
-from flexhinf.errors import InvalidInput
 from flexhinf.export.recording import record
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
@@ -65,6 +62,11 @@ def reference(pose: Any, name: str = "planar-two-link") -> np.ndarray:
 def resting(pose: Any) -> np.ndarray:
     """What both encoders of the planar arm measure at rest at a pose."""
     return arm().operating_point(pose)[0][[0, 1, 4, 5]]
+
+
+def noisy(y: np.ndarray, noise: np.random.Generator) -> np.ndarray:
+    """What encoders say there: a frame that is equal to the last one, bit by bit, is taken for a repeated one."""
+    return y + 1e-5 * noise.normal(size=len(y))
 
 
 @pytest.fixture(scope="module")
@@ -119,13 +121,21 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
 def test_a_stated_reaction_brakes_along_the_path_also_in_c(
     needs_compiler: Callable[..., None], braking: Callable[[], Any]
 ) -> None:
+    """On MuJoCo's robot: its protection knows that an arm which stands still there is none."""
     needs_compiler("cc")
-    (one, library), rates = braking(), []
+    (one, library), rates, u = braking(), [], arm().operating_point(AWAY)[1]
+    box, noise = MuJoCoPlant(arm(), measured=BOTH), np.random.default_rng(1)
+    box.reset(arm().operating_point(AWAY)[0])
     for k in range(60):
         r = reference(AWAY) + np.eye(10)[1] * (2.0 if k == 20 else 0.0)
-        u = one.step(resting(AWAY), r)
-        np.testing.assert_array_equal(library.step(resting(AWAY), r), u)
-        assert (library.status, library.path_rate) == (one.status, one.path_rate)
+        y = noisy(box.output(), noise)
+        box.step(u, (), 1e-3)  # the input of the sample before, as of a latency of one sample
+        u = one.step(y, r)
+        np.testing.assert_array_equal(library.step(y, r), u)
+        assert (library.code, library.status, library.path_rate) == (one.code, one.status, one.path_rate)
+        assert library.may_act()
+        assert one.may_act()
+        np.testing.assert_array_equal(library.output, one.output)
         rates.append(one.path_rate)
     assert rates[19] == 1.0 > rates[20]
     assert rates[-1] == 0.0
@@ -209,15 +219,15 @@ def test_an_arm_that_does_not_follow_is_said_and_slows_its_path(what: str) -> No
     """Motors without power, as of a brake that stays closed; and a robot that stands 0.35 rad beside its start."""
     setup, away = made(peak_speed=3.0), 0.35 * (what == "elsewhere")
     plan = fh.Waypoints([0.0, 2.0], [AWAY, (0.9, -1.1)], "quintic")
-    controller, time = deployed(setup, AWAY), 0.0
+    controller, time, noise = deployed(setup, AWAY), 0.0, np.random.default_rng(1)
     for k in range(1500):
-        pose = np.reshape(plan(time), -1)
-        controller.step(resting((AWAY[0] + away, AWAY[1])), reference(pose if away == 0.0 else AWAY))
+        pose, y = np.reshape(plan(time), -1), noisy(resting((AWAY[0] + away, AWAY[1])), noise)
+        controller.step(y, reference(pose if away == 0.0 else AWAY))
         apart = max(np.abs(pose - AWAY)) if away == 0.0 else away
         if k > 1 and abs(apart - 0.3) > 2e-3:  # a sample of latency
             assert bool(controller.status & fh.Status.FOLLOWING_ERROR) == (apart > 0.3)
         time += 1e-3 * controller.path_rate
-    assert controller.status & fh.Status.FOLLOWING_ERROR
+    assert fh.Status.FOLLOWING_ERROR | fh.Status.INCONSISTENT in controller.status  # inputs that move nothing
     assert controller.path_rate == pytest.approx(0.0, abs=1e-12)
     assert time < 0.9
 
@@ -299,13 +309,6 @@ def test_it_starts_at_rest_anywhere_in_the_workspace(
         for each in (there, elsewhere):
             assert each.step(resting(pose)) == pytest.approx(held, rel=1e-9, abs=1e-9)
         assert library.step(resting(pose), reference(pose)) == pytest.approx(held, rel=1e-9, abs=1e-9)
-
-
-def test_the_filter_has_the_same_gains_wherever_it_starts() -> None:
-    setup, x = made(), arm().operating_point(AWAY)[0]
-    gains = [setup.estimator(np.array(at)).gain(x) for at in ((0.0, 0.0), AWAY, (0.3, 2.0))]
-    assert gains[1] == pytest.approx(gains[0], rel=1e-12)
-    assert gains[2] == pytest.approx(gains[0], rel=1e-12)
 
 
 def test_without_a_pose_it_starts_in_its_workspace() -> None:
@@ -419,25 +422,6 @@ def test_a_motor_without_a_limit_is_weighed_by_what_it_moves() -> None:
     assert made(saturation=(24.0, math.inf)).authority == pytest.approx([24.0, worst[1]], rel=0.1)
 
 
-@pytest.mark.quick_cases(3)
-@pytest.mark.parametrize(("name", "periods"), [("planar-two-link", (5e-4, 2e-3, 5e-3)), ("scara", (2e-3,))])
-@pytest.mark.parametrize("measured", [BOTH, ("link_position",), ("motor_position", "joint_torque")])
-def test_the_filter_is_stable_at_any_period(
-    name: str, periods: tuple[float, ...], measured: tuple[str, ...]
-) -> None:
-    """(1 − L H) F by SciPy's exponential: also where the sampling would fold the fastest λ that gains are made for."""
-    law = made(name).law
-    for period in periods:
-        s = fh.Specification(workspace="limits", measured=measured, period=period)
-        setup = WorkspaceSetup(arm(name), s, workspace_of(arm(name), "limits"), law)
-        estimator = setup.estimator(np.array(arm(name).home))
-        for pose in setup.workspace.sample(8, 2):
-            x, u = arm(name).operating_point(pose)
-            a, _, _, c = setup.model.linearise(x, u)
-            error = expm(a * period) @ (np.eye(len(a)) - estimator.gain(x) @ c)
-            assert np.abs(np.linalg.eigvals(error)).max() < 0.9995
-
-
 # Robots, sensors, loops ---------------------------------------------------------------------------------
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
@@ -459,47 +443,6 @@ def test_a_move_arrives(name: str, fields: dict[str, Any]) -> None:
         -round(0.3 / setup.specification.period) :, : len(setup.joints)
     ]
     assert np.abs(last - goals[1]).max() < 1e-3
-
-
-def test_what_cannot_be_estimated_is_refused() -> None:
-    for sensors in ("joint_torque", "link_velocity"):
-        with refused_with(InvalidInput, "link_position", "motor_position"):
-            made(measured=(sensors,)).estimator(np.zeros(2))
-    s = fh.Specification(measured=("joint_torque", "link_position_shoulder"))
-    with refused_with(InvalidInput, "elbow") as refusal:
-        check_loop(arm(), s)
-    measured = ast.literal_eval(str(refusal.value).split("try:")[1].strip().removeprefix("measured="))
-    check_loop(arm(), replace(s, measured=measured))
-
-
-@pytest.mark.ci("steps of a filter in Python")
-@pytest.mark.oracle
-@pytest.mark.parametrize(
-    "measured", [UNLIKE, ("joint_torque", "link_position_shoulder", "motor_position_elbow")]
-)
-def test_the_filter_of_joints_with_different_sensors_is_the_kalman_filter_of_each_pose(
-    measured: tuple[str, ...],
-) -> None:
-    """SciPy's Riccati equation at home and away; the filter that runs comes to its gain from that of home."""
-    setup = made(measured=measured)
-    estimator, period = setup.estimator(np.array(AWAY)), setup.specification.period
-    q, r = estimator.process_noise, estimator.measurement_noise
-    noises = q if q.ndim == 2 else np.diag(q), r if r.ndim == 2 else np.diag(r)
-    covariances = []
-    for pose in (arm().home, AWAY):
-        x, u = arm().operating_point(pose)
-        a, _, _, c = setup.model.linearise(x, u)
-        covariances.append(solve_discrete_are(expm(a * period).T, c.T, *noises))
-    home, away = covariances
-    assert np.allclose(estimator.initial.covariance, home, rtol=1e-6, atol=1e-6 * np.abs(home).max())
-    gain = away @ c.T @ np.linalg.inv(c @ away @ c.T + noises[1])
-    assert np.allclose(setup._filter_gain(x, u), gain, rtol=1e-6, atol=1e-9)
-    y = np.asarray(setup.model.traced_output(x, u, setup.model.parameters.vector()), dtype=float).ravel()
-    for _ in range(2000):
-        estimator.correct(y)
-        estimator.predict(u)
-    error = np.abs(estimator.covariance - away).max(axis=1) / np.abs(away).max(axis=1)
-    assert error.max() < 1e-3 < (np.abs(home - away).max(axis=1) / np.abs(away).max(axis=1)).max()
 
 
 @pytest.mark.ci("drives MuJoCo's robot")
@@ -597,4 +540,5 @@ def test_the_c_of_a_moving_command_is_the_simulation(
     text = (fh.export_c(controller, tmp_path / "c", "arm", limits=False) / "arm.c").read_text(
         encoding="utf-8"
     )
-    assert not {"malloc", "calloc", "while"} & set(text.replace("(", " ").split())
+    code = re.sub(r"/\*.*?\*/", " ", text, flags=re.DOTALL)  # without comments
+    assert not {"malloc", "calloc", "while"} & set(re.findall(r"\w+", code))

@@ -28,7 +28,7 @@ def saved(setup: WorkspaceSetup, pose: Any, folder: Path) -> tuple[fh.Controller
     """The controller of a file, and its law and estimator alone, within the same limits."""
     deployed(setup, pose).save(folder / "controller")
     own = fh.load_controller(folder / "controller")
-    return own, own.fresh(governor=None, supervision=None)
+    return own, own.fresh(governor=None, supervision=None, protection=None, measurement_limits=None)
 
 
 def returned(away: np.ndarray) -> tuple[float, float]:

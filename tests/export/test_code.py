@@ -224,7 +224,8 @@ def test_a_fragment_of_the_documentation_compiles(
 ) -> None:
     page = (repository / "docs/deployment.md").read_text(encoding="utf-8")
     fragment = page.split("```c\n")[place].split("```")[0]
-    declared = "extern double encoder(void), command(void);\nextern void drive(double);\n"
+    declared = "extern double encoder(void), command(void), seconds_since_sample(void);\n"
+    declared += "extern void drive(double), brake(int);\n"
     for name, text in code_of(controller, "my_arm", "double").files.items():
         (tmp_path / name).write_text(text)
     text = f'#include "my_arm.h"\n{declared}int main(void)\n{{\n{fragment}}}\n'

@@ -36,7 +36,7 @@ case "$*" in {pattern}) printf '#!/bin/sh\nexit 3\n' > built;; esac
 #: A compiler whose programs with sanitizers stop before they begin.
 STOPS_WHEN_CHECKED = r"""#!/bin/sh
 {compiler} "$@" || exit 1
-case "$*" in *-fsanitize*probe.c*) printf '#!/bin/sh\necho its own words >&2\nexit 1\n' > probe;; esac
+case "$*" in *-fsanitize*probe.c*) printf '#!/bin/sh\necho own words >&2\nexit 1\n' > probe;; esac
 """
 
 Program = Callable[..., Path]
@@ -79,7 +79,7 @@ def test_a_compiler_that_fails_on_the_controller_is_an_error_of_an_export_in_flo
 ) -> None:
     """Its README said that no compiler was found."""
     monkeypatch.setenv("CC", str(program("failing-cc")))
-    with refused_with(InvalidInput, "compile", "failing-cc", "internal error: cannot", 4):
+    with refused_with(InvalidInput, "compile", "failing-cc", "internal error", 4):
         export_c(small, tmp_path / "c", "arm", "float")
     assert not (tmp_path / "c").exists()
 
@@ -96,9 +96,7 @@ def test_a_vector_that_ends_early_is_no_loss_in_float(
 @pytest.mark.usefixtures("only_programs")
 def test_where_there_is_no_compiler_the_readme_says_so(small: fh.Controller, tmp_path: Path) -> None:
     text = readme(small, tmp_path / "c")
-    assert (
-        unnamed(text, "no C compiler was found", "gcc was not found", "arm-none-eabi-gcc was not found") == []
-    )
+    assert unnamed(text, "no C compiler", "not found", "gcc was", "arm-none-eabi-gcc was") == []
 
 
 def test_a_compiler_for_another_machine_measures_nothing(
@@ -126,7 +124,7 @@ def test_a_compiler_that_fails_with_the_instructions_of_the_processor_is_an_erro
 ) -> None:
     """It was taken for one that does not know them, and the library had other bits."""
     monkeypatch.setenv("CC", str(program("failing-cc", pattern="*-march*controller*")))
-    with refused_with(InvalidInput, "failing-cc", "internal error: cannot"):
+    with refused_with(InvalidInput, "failing-cc", "internal error"):
         fh.compile_controller(small, tmp_path / "arm.so")
 
 
@@ -137,9 +135,9 @@ def test_a_stack_that_no_compiler_tells_is_said_with_why(
     files = code_of(small, "arm", "double").files
     program("gcc", pattern="*-fcallgraph-info*", words="unknown option")
     text = stack_text(files, "arm", "double")
-    assert unnamed(text, "not computed", "arm-none-eabi-gcc was not found", "unknown option") == []
+    assert unnamed(text, "not computed", "arm-none-eabi-gcc", "not found", "unknown option") == []
     program("gcc", pattern="*-fcallgraph-info*arm.c*")
-    with refused_with(InvalidInput, "compile", "internal error: cannot"):
+    with refused_with(InvalidInput, "compile", "internal error"):
         stack_text(files, "arm", "double")
 
 
@@ -161,7 +159,8 @@ def test_what_a_compiler_tells_is_asked_once(compiler: str) -> None:
         pytest.skip("missing: gcc")
     assert unnamed(why_not("no-such-gcc", ()), "no-such-gcc", "not found") == []
     assert why_not("gcc", ("-O1",)) == ""
-    assert stack_bytes({"a.c": "int one(int x) { return x; }"}, "one", "gcc", ("-O1",)) >= 0
+    files = {"a.c": "int one(int x) { return x; }"}
+    assert stack_bytes(files, "one", "gcc", ("-O1",)) >= 0
 
 
 def test_sanitizers_that_fail_are_not_missing(
@@ -180,7 +179,7 @@ def test_sanitizers_that_fail_are_not_missing(
     failing = program("failing-cc", STOPS_WHEN_CHECKED)
     done = ended(failing)
     assert done.returncode == 1
-    assert unnamed(done.stderr, "-fsanitize=address,undefined", "its own words", "--no-sanitizers") == []
+    assert unnamed(done.stderr, "-fsanitize=address,undefined", "own words", "--no-sanitizers") == []
     assert "changes noticed" in ended(failing, "--no-sanitizers").stdout
 
 
@@ -202,13 +201,13 @@ def test_a_git_that_fails_is_not_an_installation_without_a_history(
     program: Program, only_programs: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(safety, "distribution", _raise_not_found)
-    assert "without its history" in safety.commit.__wrapped__()
+    assert "its history" in safety.commit.__wrapped__()
     program("git", "#!/bin/sh\necho 'fatal: detected dubious ownership' >&2\nexit 128\n")
     if not any((folder / ".git").exists() for folder in Path(safety.__file__).resolve().parents):
         pytest.skip("no clone: an installation has no history")
     text = safety.commit.__wrapped__()
     assert unnamed(text, "not known", fh.__version__, "dubious ownership") == []
-    assert "without its history" not in text
+    assert "its history" not in text
 
 
 def _raise_not_found(name: str) -> None:
@@ -230,10 +229,10 @@ def test_a_package_that_does_not_work_is_not_one_that_is_not_installed(
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text(text, encoding="utf-8")
         with refused_with(
-            InvalidInput, name, "does not work", "libGL" if "library" in name else "no_such_package"
+            InvalidInput, name, "not work", "libGL" if "library" in name else "no_such_package"
         ):
             required_package(f"{name}.part", "It is not installed.", "pip install it")
-        with refused_with(InvalidInput, name, "does not work"):
+        with refused_with(InvalidInput, name, "not work"):
             optional_package(name)
     assert optional_package("no_such_package.part") is None
     assert optional_package("json.no_such_part") is None
@@ -271,5 +270,5 @@ def test_a_file_that_may_not_be_looked_at_is_not_missing(
         for read in (fh.load_robot, fh.load_design):
             with refused_with(InvalidInput, "Permission denied", "chmod"):
                 read(tmp_path / "arm")
-    with refused_with(InvalidInput, "no robot file"):
+    with refused_with(InvalidInput, "no robot"):
         fh.load_robot(tmp_path / "arm")

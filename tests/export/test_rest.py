@@ -283,7 +283,7 @@ def test_the_first_example_compiles_and_the_header_warns_first(
     block = re.search(r"(?:^ {4}.*\n|^\n)+(?=^`main.c`)", texts["README.md"], re.MULTILINE)
     assert block is not None
     assert ("arm_rest(" in block[0]) is moving
-    stubs = "void refuse(void); void watch(int code);\n"
+    stubs = "void refuse(void); void brake(int stop); arm_real seconds_since_sample(void);\n"
     stubs += "int read_sensors(arm_real *y); void drive_motors(const arm_real *u); void read_command(arm_real *r);\n"
     loop = f"void loop(const arm_real *q);\nvoid loop(const arm_real *q) {{\n(void)q;\n{block[0]}}}\n"
     (tmp_path / "arm.h").write_text(texts["arm.h"])

@@ -401,7 +401,7 @@ def test_a_robot_that_cannot_be_started_gets_no_input(make: Any) -> None:
     arm = Arm()
     read = arm.read
     arm.read = lambda: 57.3 * read()
-    with refused_with(InvalidInput, "cannot be started", "range", "unit"):
+    with refused_with(InvalidInput, "cannot be", "started", "range", "unit"):
         TrajectoryServer(controller, arm.robot, arm)
     assert arm.inputs == []
     assert make().server.start == Start.NOT_CHECKED

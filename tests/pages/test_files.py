@@ -21,7 +21,7 @@ Make = Callable[[str], PoseEvidence]
 
 
 @pytest.mark.parametrize(
-    ("failure", "linear", "stop_record"),
+    ("failure", "linear", "told"),
     [("", None, ""), ("no gains", None, "no gains"), ("", "", ""), ("", "no equilibrium", "no equilibrium"),
      ("misses a limit", "no equilibrium", "misses a limit")],
 )  # fmt: skip

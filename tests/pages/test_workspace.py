@@ -470,14 +470,14 @@ def test_the_worst_ripple_is_that_of_poses_too(design, monkeypatch):
     assert (number.value, number.unit) == ("7.1", "%")
 
 
-@pytest.mark.parametrize(("missed", "stop_record"), [((), False), (("ripple",), False), ((UNHELD,), True)])
+@pytest.mark.parametrize(("missed", "told"), [((), False), (("ripple",), False), ((UNHELD,), True)])
 def test_limits_of_motors_are_to_check_where_they_are_too_weak(missed, told):
     lines = [Requirement(what, 0.0, 1.0, "", True, "the move", "") for what in missed]
     made = SimpleNamespace(missed=lines, robot=fh.paper_arm(), remaining_cause=None)
     assert (unnamed(summary._to_check(made), "motors", "effort_limit") == []) == told
 
 
-@pytest.mark.parametrize(("what", "stop_record"), [("remaining", False), ("damping", True)])
+@pytest.mark.parametrize(("what", "told"), [("remaining", False), ("damping", True)])
 def test_tolerances_are_to_check_where_another_cause_explains_the_remaining_error_alone(what, told):
     """A damping of 0.005 at corners of ± 50 % was blamed on dry friction, which made the remaining error."""
     lines = [REQUIREMENTS[each].judge(None, 1e-3, 2e-3, "at a corner") for each in ("remaining", what)]

@@ -106,7 +106,7 @@ def test_every_robot_of_the_catalogue_is_examined_without_a_fault(name: str) -> 
     assert [joint.name for joint in result.joints] == [*result.robot.joint_names]
 
 
-@pytest.mark.parametrize(("mass", "stop_record"), [(1.0, 1), (1.1, 0)])
+@pytest.mark.parametrize(("mass", "told"), [(1.0, 1), (1.1, 0)])
 def test_links_that_are_one_placeholder_are_told_of_both_files(
     mass: float, told: int, tmp_path: Path
 ) -> None:
@@ -413,7 +413,7 @@ def test_one_torque_for_all_joints_that_does_not_hold_them_is_no_motors(tmp_path
         assert all(fact.effort > fact.weight for fact in facts) is (weak == 1)
 
 
-@pytest.mark.parametrize(("period", "stop_record"), [(None, "4 ms"), (1e-3, "1 ms")])
+@pytest.mark.parametrize(("period", "told"), [(None, "4 ms"), (1e-3, "1 ms")])
 def test_vibrations_are_compared_with_the_period_of_the_drives(
     period: float | None, told: str, tmp_path: Path
 ) -> None:

@@ -318,9 +318,15 @@ class _Protected:
 
     @cached_property
     def stiffness(self) -> Vector:
-        """Of the springs (n,); infinite of rigid joints."""
-        with np.errstate(divide="ignore"):
-            return np.where(self.elastic, self.rates[2] * -self.motor_inertia, np.inf)
+        """Of the springs (n,), by their torques at the links: a drive's own loop may hide them from its motor; infinite
+        of rigid joints."""
+        states, a = list(self.plant.states), self._slopes(*self.home, self._vector({}))[0]
+        rows, found = [states.index(name) for name in self.signals("link_velocity")], np.full(self.n, np.inf)
+        for j, name in enumerate(self.signals("motor_position")):
+            if self.elastic[j]:
+                torque = self._felt[0] @ a[rows, states.index(name)]
+                found[j] = torque[j] / self.robot.layout.matrix[j, j]
+        return found
 
     @cached_property
     def _felt(self) -> tuple[Matrix, Vector]:
@@ -535,7 +541,7 @@ class _Protected:
         """Accelerations of motors and links per twist of their springs (2, m); 0 and 1 of a rigid joint, whose motor is
         its link."""
         motor = np.where(self.elastic, -self.rates[2], 0.0)
-        return np.array([motor, np.where(self.elastic, motor * self.motor_inertia / self.link_inertia, 1.0)])
+        return np.array([motor, np.where(self.elastic, self.stiffness / self.link_inertia, 1.0)])
 
     @cached_property
     def braking(self) -> tuple[Vector, Vector]:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.loop import Controller, Loop, Samples
+from flexhinf.loop import Controller, Loop, Samples, Status
 from flexhinf.loop.controller.memory import StateHistory
 from flexhinf.loop.controller.options import equilibrium_line
 from flexhinf.validation import read_only
@@ -341,13 +341,15 @@ def feed(
             y[k, 0] = np.nan
             code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
         sample = None if kind == MISSING else y[k], r[k] if r.shape[1] else None
+        again = np.ones(y.shape[1]) if fresh.mode.checks_measurements and repeats[k] > 1 else None
         try:
             for _ in range(repeats[k] - 1):
-                held = fresh.step(*sample)
+                held = fresh.step(*sample, fresh=again)
             before = fresh.rejected
-            held = fresh.step(*sample)
+            held = fresh.step(*sample, fresh=again)
             if fresh.mode.checks_measurements and code == MEASURED:
                 believed = np.isfinite(y[k]) & (fresh.rejected == before)
+                believed &= not fresh.status & Status.REPEATED_FRAME
                 code = MEASURED if believed.any() else MISSING
         except NumericalFailure:
             if code != NOT_FINITE:

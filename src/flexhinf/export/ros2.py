@@ -83,7 +83,7 @@ def _stop_values(code: ControllerCode) -> dict[str, object]:
     names = {stop: str(stop.name).lower() for stop in Stop}
     return {
         "stop_reasons": [
-            (code.upper(f"STOP_{stop.name}"), name, STOPS[name]) for stop, name in names.items()
+            (code.upper(f"STOP_{stop.name}"), name, STOPS[name].says) for stop, name in names.items()
         ],
         "stop_names": [*names.values()],
         "stop_on": [name for stop, name in names.items() if stop & bits] or [""],

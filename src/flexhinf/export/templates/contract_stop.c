@@ -5,9 +5,9 @@ enum { EVERY_REASON = @{2 ** (reasons | length) - 1}, LONGEST_UNSEEN = @{longest
 static void remember(int reasons)
 {
 {% if signs_at is not none %}
-    state.memory[@{misplaced_at}] = ((reasons & @{NAME}_STOP_BAD_START) != 0) ? 1 : 0;
+    state.memory[@{misplaced_at}] = ((reasons & @{NAME}_STOP_BAD_START) != 0) ? @{unity} : @{zero};
     for (int i = 0; i < @{signs}; ++i) {
-        state.memory[@{signs_at} + i] = ((reasons & (@{NAME}_STOP_SENSOR_LOST << i)) != 0) ? 1 : 0;
+        state.memory[@{signs_at} + i] = ((reasons & (@{NAME}_STOP_SENSOR_LOST << i)) != 0) ? @{unity} : @{zero};
     }
 {% else %}
     state.unseen[@{NAME}_MEASUREMENTS - 1] = ((reasons & @{NAME}_STOP_SENSOR_LOST) != 0) ? LONGEST_UNSEEN + 1 : 0;

@@ -127,6 +127,11 @@ static int step(int row)
         input.r[i] = given_r[row][i];
     }
     input.measured = given_measured[row];
+{% if c.mode.checks_measurements %}
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        input.fresh[i] = (given_times[row] > 1) ? 1 : 0; /* the same frame again, which is a new one */
+    }
+{% endif %}
     spoil(row);
     for (int times = given_times[row]; times > 0; --times) {
         code = @{name}_step(&state, &param, &input, &output);

@@ -219,7 +219,8 @@ class Controller(Acting, Summarised):
             backlash.places(estimator, self.states, moving) if backlash else (), *back,
         )  # fmt: skip
         if protection is not None:
-            self.mode = replace(self.mode, protected=protection.watch(self))
+            watch = protection.watch(solution.input_names, estimator, self.measurement_limits, supervision)
+            self.mode = replace(self.mode, protected=watch)
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)

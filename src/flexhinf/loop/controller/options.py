@@ -49,7 +49,7 @@ PERIODS = (1e-6, 1.0)
 class Listed:
     """An option of a controller whose arguments are sequences."""
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """The arguments as lists, for a file."""
         return {name: np.array(value).tolist() for name, value in vars(self).items() if value is not None}
 

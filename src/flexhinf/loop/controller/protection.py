@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.options import Listed
 from flexhinf.loop.controller.signs import SIGNS, Pair, Watch
+from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator
 from flexhinf.stops import STOPS
 from flexhinf.validation import one_of, real_array, value_text
@@ -207,12 +208,15 @@ class Protection(Listed):
         kept = {name: array.tolist() for name, array in arrays.items()}
         vars(self).update({name: tuple(value) for name, value in kept.items()}, stop_on=tuple(self.stop_on))
 
-    def watch(self, controller: Any) -> Watch:
-        """Places of what is watched, of a controller; a name that is none of its signals is refused, and any without an
-        estimator, limits of measurements, or a supervision that reports the signs."""
-        estimator: Estimator | None = controller.estimator
-        inputs: Sequence[str] = controller.law.input_names
-        limits, supervision = controller.measurement_limits, controller.supervision
+    def watch(
+        self,
+        inputs: Sequence[str],
+        estimator: Estimator | None,
+        limits: tuple[np.ndarray, ...] | None,
+        supervision: Supervision | None,
+    ) -> Watch:
+        """Places of what is watched, of a controller's parts; a name that is none of its signals is refused, and any
+        without an estimator, limits of measurements, or a supervision that reports the signs."""
         if estimator is None or limits is None or supervision is None:
             raise InvalidInput(
                 "Nothing reads the signs of a protection.",
