@@ -347,14 +347,14 @@ def test_a_float_build_computes_nothing_in_double(exported: dict[str, Path]) -> 
     assert [text for text in numbers if ("." in text or "e" in text) and not text.endswith("f")] == []
 
 
-#: A board whose sensors give nothing from its 20th sample to the 35th, for main.c; and forty periods of a sketch on it.
+#: A board whose sensors give nothing from its 120th sample to the 135th, for main.c; and 140 periods of a sketch on it.
 BOARD = """#include <stdio.h>
 #include <stdlib.h>
 #include "arm.h"
 static int sample, last = -1;
-void wait_for_sample(void) { sample += 1; if (sample > 40) exit(0); }
+void wait_for_sample(void) { sample += 1; if (sample > 140) exit(0); }
 int drives_enabled(void) { return 1; }
-int read_sensors(arm_real *y) { y[0] = 0; return sample < 20 || sample >= 35; }
+int read_sensors(arm_real *y) { y[0] = 0; return sample < 120 || sample >= 135; }
 void read_command(arm_real *r, arm_real path_rate) { (void)r; (void)path_rate; }
 void drive_motors(const arm_real *u) { (void)u; last = sample; }
 arm_real seconds_since_sample(void) { return 0; }
@@ -367,7 +367,7 @@ SKETCHED = """#include <cstdio>
 static int sample, last = -1;
 unsigned long micros() { return 1000ul * (unsigned long)sample; }
 #include "sketch.cpp"
-int main() { setup(); for (sample = 0; sample < 40; ++sample) loop(); }
+int main() { setup(); for (sample = 0; sample < 140; ++sample) loop(); }
 """
 
 
@@ -377,7 +377,7 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     compiler, folder = tool("g++"), exported["double"]
     sketch = ARDUINO + (folder / "templates/arm.ino").read_text()
     for before, after in (
-        ("    }\n    return true;", "    }\n    return sample < 20 || sample >= 35;"),
+        ("    }\n    return true;", "    }\n    return sample < 120 || sample >= 135;"),
         ("(void)u;", "(void)u; last = sample;"),
         ("(void)stop; // takes", 'std::printf("brake %d, last driven %d\\n", stop, last); //'),
     ):
@@ -394,7 +394,7 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     flags = ("-Wall", "-Wextra", "-Werror", "-O0", f"-I{tmp_path}")
     run("gcc", "-std=c99", "-O0", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
     header = (folder / "arm.h").read_text()
-    for changed, told in ((False, ["brake 10, last driven 30"] * 2), (True, ["brake 2, last driven -1"] * 2)):
+    for changed, told in ((False, ["brake 10, last driven 130"] * 2), (True, ["brake 2, last driven -1"] * 2)):
         (tmp_path / "arm.h").write_text(
             re.sub('(?<=_DIGEST ").*(?=")', "another", header) if changed else header
         )
