@@ -394,7 +394,10 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     flags = ("-Wall", "-Wextra", "-Werror", "-O0", f"-I{tmp_path}")
     run("gcc", "-std=c99", "-O0", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
     header = (folder / "arm.h").read_text()
-    for changed, told in ((False, ["brake 10, last driven 130"] * 2), (True, ["brake 2, last driven -1"] * 2)):
+    for changed, told in (
+        (False, ["brake 10, last driven 130"] * 2),
+        (True, ["brake 2, last driven -1"] * 2),
+    ):
         (tmp_path / "arm.h").write_text(
             re.sub('(?<=_DIGEST ").*(?=")', "another", header) if changed else header
         )
