@@ -12,7 +12,7 @@ from tests.export.test_rest import elastic_controller, robot_of
 from tests.export.test_ros2 import PERIOD, workspace_controller
 from tests.export.trajectory_cases import CASES, TrajectoryCase
 from tests.export.trajectory_runs import RUNS
-from tests.export.trajectory_session import GOAL, JOINTS, LONGEST, MOVE, START
+from tests.export.trajectory_session import GOAL, JOINTS, LONGEST, MOVE, START, Followed
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -54,7 +54,7 @@ class Arm:
             self.plant.step(input, [], PERIOD)
 
 
-class ServedArm:
+class ServedArm(Followed):
     """An arm and its server, used as `Session` of the plugin's tests is."""
 
     def __init__(self, controller: fh.Controller, pose: Sequence[float] = START, **other: Any) -> None:
@@ -126,21 +126,6 @@ class ServedArm:
             state = "cancelled" if end.number in self.cancelled else "aborted" if end.code else "succeeded"
             self.ends[end.number], self.texts[end.number] = (state, int(end.code)), end.text
         return self.ends.get(self.number if number is None else number, ("followed", None))
-
-    def finished(self, goal: Sequence[float] | None = GOAL, samples: int = LONGEST) -> tuple[str, int | None]:
-        if not self.accepted():
-            return "rejected", None
-        self.run(samples)
-        if goal is not None:
-            np.testing.assert_allclose(self.measured[-1], goal, atol=2e-3)
-        return self.ended()
-
-    def is_smooth(self) -> None:
-        moves = np.array(self.desired)
-        assert np.abs(np.diff(moves[:, 2:], axis=0)).max() < 0.05
-        np.testing.assert_allclose(
-            np.diff(moves[:, :2], axis=0), PERIOD * 0.5 * (moves[1:, 2:] + moves[:-1, 2:]), atol=2e-5
-        )
 
 
 @pytest.fixture(scope="module")

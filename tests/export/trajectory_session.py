@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -27,7 +28,44 @@ STATES = {2: "followed", 4: "succeeded", 5: "cancelled", 6: "aborted"}
 LONGEST = 1300
 
 
-class Session:
+class Followed(ABC):
+    """An arm that follows goals, however they are sent."""
+
+    measured: list[np.ndarray]
+    desired: list[list[float]]
+
+    @abstractmethod
+    def accepted(self) -> bool:
+        """Send what was prepared."""
+
+    @abstractmethod
+    def run(self, samples: int) -> Any:
+        """Go on."""
+
+    @abstractmethod
+    def ended(self) -> tuple[str, int | None]:
+        """How the last goal ended."""
+
+    def finished(self, goal: Sequence[float] | None = GOAL, samples: int = LONGEST) -> tuple[str, int | None]:
+        """Send what was prepared, and how it ended; a goal that succeeded is where the links are."""
+        if not self.accepted():
+            return "rejected", None
+        self.run(samples)
+        if goal is not None:
+            np.testing.assert_allclose(self.measured[-1], goal, atol=2e-3)
+        return self.ended()
+
+    def is_smooth(self) -> None:
+        """Commanded velocities change by less than 0.05 rad/s in a sample: nothing jumps."""
+        moves = np.array(self.desired)
+        moves = moves[np.isfinite(moves).all(axis=1)]
+        assert np.abs(np.diff(moves[:, 2:], axis=0)).max() < 0.05
+        np.testing.assert_allclose(
+            np.diff(moves[:, :2], axis=0), PERIOD * 0.5 * (moves[1:, 2:] + moves[:-1, 2:]), atol=2e-5
+        )
+
+
+class Session(Followed):
     """A robot at rest, and a manager of its controller, which is active."""
 
     def __init__(self, manager: Manager, pose: Sequence[float] = START, **parameters: Any) -> None:
@@ -94,24 +132,6 @@ class Session:
             self.manager("spin")
         state = STATES[self.manager("goal_state")]
         return state, None if state == "followed" else self.manager("goal_code")
-
-    def finished(self, goal: Sequence[float] | None = GOAL, samples: int = LONGEST) -> tuple[str, int | None]:
-        """Send what was prepared, and how it ended; a goal that succeeded is where the links are."""
-        if not self.accepted():
-            return "rejected", None
-        self.run(samples)
-        if goal is not None:
-            np.testing.assert_allclose(self.measured[-1], goal, atol=2e-3)
-        return self.ended()
-
-    def is_smooth(self) -> None:
-        """Commanded velocities change by less than 0.05 rad/s in a sample: nothing jumps."""
-        moves = np.array(self.desired)
-        moves = moves[np.isfinite(moves).all(axis=1)]
-        assert np.abs(np.diff(moves[:, 2:], axis=0)).max() < 0.05
-        np.testing.assert_allclose(
-            np.diff(moves[:, :2], axis=0), PERIOD * 0.5 * (moves[1:, 2:] + moves[:-1, 2:]), atol=2e-5
-        )
 
 
 Make = Callable[..., Session]
