@@ -90,19 +90,25 @@ def by_fault(results: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", _counted(arms)])
 
 
+#: Numbers of runs that were noticed, with how each is written.
+WHEN, WRONG, WAY = ("when", "{:.3g} ms"), ("wrong", "{:.2g} rad"), ("furthest", "{:.2g} rad")
+
+
+def _most(found: Sequence[Mapping[str, Any]], key: str, text: str) -> str:
+    """The largest number of some arms, "" where none has it; times in ms are kept in s."""
+    scale = 1e3 if text.endswith(" ms") else 1.0
+    numbers = [scale * one[key] for one in found if key in one]
+    return text.format(max(numbers)) if numbers else ""
+
+
 def _worst(found: Sequence[Mapping[str, Any]]) -> list[str]:
     """Of the arms' runs that were noticed."""
-    noticed = [one for one in found if "when" in one]
-    if not noticed:
+    if not any("when" in one for one in found):
         return [""] * 5
-    when, wrong, way, ratio, fell = (
-        max(one[key] for one in noticed) for key in ("when", "wrong", "furthest", "ratio", "fell")
-    )
-    category = sorted({each for one in noticed for each in one["category"]})
-    return [
-        f"{1e3 * when:.3g} ms", f"{wrong:.2g} rad", f"{way:.2g} rad, {ratio:.3g}", f"{fell:.2g} rad" if fell else "",
-        ", ".join(map(str, category)),
-    ]  # fmt: skip
+    when, wrong, way, ratio = (_most(found, *each) for each in (WHEN, WRONG, WAY, ("ratio", "{:.3g}")))
+    fell = _most([one for one in found if one.get("fell")], "fell", "{:.2g} rad")
+    category = sorted({each for one in found for each in one.get("category", ())})
+    return [when, wrong, f"{way}, {ratio}", fell, ", ".join(map(str, category))]
 
 
 def tried(results: Mapping[str, Any]) -> str:
@@ -120,7 +126,6 @@ def tried(results: Mapping[str, Any]) -> str:
     )
     for name, fault in FAULTS.items():
         every = [arms[arm][name] for arm in arms if name in arms[arm]]
-        noticed = [one for one in every if "when" in one]
         if not every:
             continue
         quiet = [
@@ -128,14 +133,7 @@ def tried(results: Mapping[str, Any]) -> str:
             for end in VERDICTS
             if end != "kept" and any(end in one for one in every)
         ]
-        when, wrong, rested, way = (
-            max((one[key] for one in noticed if key in one), default=None)
-            for key in ("when", "wrong", "rested", "furthest")
-        )
-        cells = [
-            "" if when is None else f"{1e3 * when:.3g} ms", "" if wrong is None else f"{wrong:.2g} rad",
-            "" if rested is None else f"{rested:.2g} s", "" if way is None else f"{way:.2g} rad",
-        ]  # fmt: skip
+        cells = [_most(every, *each) for each in (WHEN, WRONG, ("rested", "{:.2g} s"), WAY)]
         lines.append(_cells([f"{name}: {fault.about}", *cells, ", ".join(quiet)]))
     return "\n".join(lines)
 
