@@ -17,7 +17,6 @@ from flexhinf.notebook import Pictured, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant, StateWeights
 from flexhinf.plant.parameters import ParameterValues
 from flexhinf.robot.arm import Arm, Links, Pendulum
-from flexhinf.robot.brakes import checked_brakes
 from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
@@ -40,6 +39,7 @@ from flexhinf.robot.parameters import (
     Parameter,
     PlantValues,
     check_parameters,
+    checked_brakes,
     checked_limits,
     corner_groups,
     estimated_quantities,
