@@ -353,6 +353,11 @@ class _Protected:
         """Seen from the link (n,), as far as it moves with the load that its drive leaves; 0 of rigid joints."""
         return self._felt[1]
 
+    @property
+    def inertia(self) -> Vector:
+        """Of what an input moves at once (n,): of the motor, of a rigid joint's link."""
+        return np.where(self.elastic, self.motor_inertia, self.link_inertia)
+
     def _twists_at_rest(self, robot: PlantValues | None) -> Matrix:
         """Twists of the springs at rest at some poses (poses, n), 0 of rigid joints; of the model by default."""
         ends = [self.plant.limits.get(name, (-np.pi, np.pi)) for name in self.signals("link_position")]
@@ -387,7 +392,7 @@ class _Protected:
         """Largest torque of a motor (n,), by the limits of its input; of drives with an inner loop `torque`."""
 
         ends = np.maximum(np.abs(self.controller.limits.lower), np.abs(self.controller.limits.upper))
-        stated = self.response * np.where(self.elastic, self.motor_inertia, self.link_inertia) * ends
+        stated = self.response * self.inertia * ends
         known = np.isfinite(stated) & (self.robot.drive not in INNER)
         return np.where(known, stated, TWICE * self.torque)
 
@@ -410,7 +415,7 @@ class _Protected:
         inertia = np.where(self.elastic, self.motor_inertia, np.inf)
         return self.dry / inertia + np.abs(self.rates[2]) * (OFFSET + gap) + NOISE * heard
 
-    @property
+    @cached_property
     def most(self) -> tuple[Vector, Vector]:
         """Accelerations of motors at which their drives' own loops saturate, by their limits, or where none is stated
         by the smallest one that such an arm has; and 1 there, 0 of stated ones, (n,) each."""
@@ -426,8 +431,7 @@ class _Protected:
     @cached_property
     def hardest(self) -> Vector:
         """Largest accelerations of the motors (n,)."""
-        inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
-        return (TWICE * self.largest + self.weights) / inertia
+        return (TWICE * self.largest + self.weights) / self.inertia
 
     @cached_property
     def response(self) -> Vector:
@@ -442,9 +446,8 @@ class _Protected:
         measured = list(self.controller.measured)
         names = [self.seen_of(j) for j in range(self.n)]
         step = np.array([steps[measured.index(name)] if name else np.inf for name in names])
-        inertia = np.where(self.elastic, self.motor_inertia, self.link_inertia)
         torque = self.dry + BREAKS * self.largest
-        return (torque / inertia + 4.0 * step / LASTING["stuck"] ** 2) / self.response
+        return (torque / self.inertia + 4.0 * step / LASTING["stuck"] ** 2) / self.response
 
     @cached_property
     def compliance(self) -> Vector:
@@ -552,8 +555,7 @@ class _Protected:
         c, none = self.controller, np.zeros(self.n)
         if self.robot.drive in INNER:
             return none, np.full(self.n, WINDOW)
-        moved = np.where(self.elastic, self.motor_inertia, self.link_inertia)
-        gain = np.where(self.elastic, np.abs(self.rates[0]) * moved, 1.0)
+        gain = np.where(self.elastic, np.abs(self.rates[0]) * self.inertia, 1.0)
         noise = np.array(
             [self.noise_of(self.seen_of(j)) + self.step_of(self.seen_of(j)) / 3.0 for j in range(self.n)]
         )
@@ -561,7 +563,7 @@ class _Protected:
         found, best = np.full(self.n, WINDOW), none
         for samples in SMOOTHED:
             smooth = samples * c.period
-            stable = SLOWING * moved / (gain * (c.period * (1.0 + c.mode.latency) + smooth))
+            stable = SLOWING * self.inertia / (gain * (c.period * (1.0 + c.mode.latency) + smooth))
             heard = noise / (samples * c.period) * np.sqrt(2.0 / (2.0 - 1.0 / samples))
             most = np.minimum(stable, room / np.maximum(heard, np.finfo(float).tiny))
             found, best = np.where(most > best, smooth, found), np.maximum(best, most)

@@ -70,11 +70,8 @@ class StopCode:
     def starting(self) -> dict[str, object]:
         """What ``NAME_at_rest`` consists of: how far readings may move, and twists of springs, as measured and of the
         model at rest at the measured links."""
-        c, protection, watch = (
-            self.code.controller,
-            self.code.controller.protection,
-            self.code.controller.mode.protected,
-        )
+        c, real = self.code.controller, self.code.real
+        protection, watch = c.protection, c.mode.protected
         samples = look_samples(c.period)
         if protection is None or watch is None:
             return {"samples": samples, "pairs": ()}
@@ -84,17 +81,15 @@ class StopCode:
         )
         pairs = list[dict[str, object]]()
         for j, pair in enumerate(watch.pairs if links and self.code.standstill is not None else ()):
-            terms = [
-                (constant(protection.shares[row][j], self.code.real), place) for place, row in pair.links
-            ]
+            terms = [(constant(protection.shares[row][j], real), place) for place, row in pair.links]
             model = [f"{share} * rest[{states.index(c.measured[place])}]" for share, place in terms]
             seen = [f"{share} * y[{place}]" for share, place in terms]
             pairs.append({
                 "measured": Markup(" - ".join([f"y[{pair.motor}]", *seen])),
                 "model": Markup(" - ".join([f"rest[{states.index(c.measured[pair.motor])}]", *model])),
-                "most": Markup(constant(protection.twist_at_start[j], self.code.real)),
+                "most": Markup(constant(protection.twist_at_start[j], real)),
             })  # fmt: skip
-        moved = Markup(", ".join(constant(way, self.code.real) for way in protection.moved_at_start))
+        moved = Markup(", ".join(constant(way, real) for way in protection.moved_at_start))
         return {"samples": samples, "pairs": pairs, "links": links, "moved": moved}
 
     @property

@@ -242,9 +242,9 @@ def opposed(
     and whether one does not slow the motion down (1,).
 
     `places` are those of the readings of what the inputs move, None where nothing tells it: links, since a spring may
-    carry a motor while the link that pushes it slows down. The first row of `swings`
-    is how near an input is at its limit, and `fastest` (p,) are limits of the readings' speeds: what stands is not
-    opposed. Below 0 samples, speeds are not known for so many.
+    carry a motor while the link that pushes it slows down. The first row of `swings` is how near an input is at its
+    limit, and `fastest` (p,) are limits of the readings' speeds: what stands is not opposed. Below 0 samples, speeds
+    are not known for so many.
     """
     speeds = Readings(*readings).speed / period[0]
     columns, flags = list[list[Element]](), list[Element]()

@@ -99,16 +99,8 @@ class StopState(NamedTuple):
 
 def first_stop(u: Vector) -> StopState:
     """Before a stop, with the input before the first sample (m,)."""
-    begun = [
-        np.zeros(len(Stop)),
-        np.ones(1),
-        np.zeros(1),
-        np.zeros(1),
-        u,
-        *[0.0 * u] * 7,
-        *first_moving(len(u)),
-    ]
-    return StopState(*begun)
+    alone = np.zeros(len(Stop)), np.ones(1), np.zeros(1), np.zeros(1)
+    return StopState(*[*alone, u, *[0.0 * u] * 7, *first_moving(len(u))])
 
 
 def decided(
