@@ -6,7 +6,8 @@
                                        ├─► integration ─► steps between two samples ─► estimation, loop
                                        └─► joints ─► numbers of elastic joints ─► modal
 
-Enter at `Plant`; what a loop runs is a `Law`, an `Estimator` or a `BlackBox` of `protocols`.
+Enter at `Plant`; what a loop runs is a `Law`, an `Estimator` or a `BlackBox` of `protocols`. The kinds of sensors of
+joints stand in `instruments`.
 """
 
 from flexhinf.plant.code import StoredCode

@@ -8,7 +8,7 @@
                                                   └─► mujoco ─► MuJoCoPlant
 
 Enter at `load_robot`, or at `paper_arm`; `assembled` makes a robot of parts. `actuators` has published
-numbers of motors and gears.
+numbers of motors and gears, `drives` the kinds of drives.
 """
 
 # lazy_loader has no types.

@@ -38,7 +38,6 @@ from flexhinf.robot.dynamics import (
     matrix_of,
     six_of,
 )
-from flexhinf.robot.elastic import DRIVES, torque_per_input
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, payload_masses, per_joint, unit_of
 from flexhinf.scalars import Symbol
 from flexhinf.validation import HUGE, checked_array, real_array, value_text, within_proportion
@@ -428,14 +427,15 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
             f"The {name} does not fit the joints of the robot {robot.name!r}.",
             values,
             (len(model),),
-            f"{len(model)} finite numbers ({DRIVES[robot.drive]})",
+            f"{len(model)} finite numbers ({robot.drive_kind.quantity})",
             "one mean of each motor's input at rest",
         )
         for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded))
     )
     p = robot.plant_parameters()
     per_input = np.broadcast_to(
-        np.asarray(torque_per_input(robot.drive, SimpleNamespace(**p)), dtype=float), len(robot.joint_names)
+        np.asarray(robot.drive_kind.torque_per_input(SimpleNamespace(**p)), dtype=float),
+        len(robot.joint_names),
     )
     extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]

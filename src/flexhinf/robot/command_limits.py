@@ -9,8 +9,7 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques, per_second
-from flexhinf.robot.elastic import DRIVES
-from flexhinf.robot.signals import UNITS
+from flexhinf.robot.drives import TORQUE
 
 if TYPE_CHECKING:
     from flexhinf.robot.robot import Robot
@@ -43,8 +42,9 @@ def motion_limits(robot: Robot) -> np.ndarray:
     are; infinite where none is limited, and of drives that take something else."""
     rates, accelerations = command_limits(robot)
     none = np.full_like(rates, np.inf)
-    kinds = {"position": (rates, accelerations), "velocity": (none, rates)}
-    return np.array(kinds.get(robot.drive, (none, none)))
+    if robot.drive_kind.takes_positions:
+        return np.array((rates, accelerations))
+    return np.array((none, rates if robot.drive_kind.takes_velocities else none))
 
 
 def size_limits(robot: Robot) -> np.ndarray:
@@ -56,14 +56,14 @@ def size_limits(robot: Robot) -> np.ndarray:
 
 def check_sizes(robot: Robot, commands: np.ndarray, torques: np.ndarray, period: float) -> None:
     """Refuse commands (N, n), one per period, or torques of the motors (N, n), N·m or N, beyond a robot's limits."""
-    kinds = (DRIVES[robot.drive], "effort_limit"), (DRIVES["torque"], "drive_torque_limit")
-    for rows, limit, (quantity, key) in zip((commands, torques), size_limits(robot), kinds):
+    kinds = (robot.drive_kind, "effort_limit"), (TORQUE, "drive_torque_limit")
+    for rows, limit, (kind, key) in zip((commands, torques), size_limits(robot), kinds):
         share = np.abs(rows) / limit
         row, joint = divmod(int(np.argmax(share)), share.shape[1])
-        name, unit = robot.joint_names[joint], UNITS[quantity][robot.links.slides[joint]]
+        name, unit = robot.joint_names[joint], kind.units[robot.links.slides[joint]]
         refuse_if(
             float(share[row, joint]) > 1.0 + ROUNDING,
-            f"The path asks for a larger {quantity.replace('_', ' ')} of joint {name!r} than it has.",
+            f"The path asks for a larger {kind.quantity.replace('_', ' ')} of joint {name!r} than it has.",
             f"expected at most {limit[joint]:g} {unit}, got {abs(rows[row, joint]):.4g} {unit} "
             f"at t = {row * period:g} s",
             f"a path that is slower, or stays nearer to zero; or a larger {key} of this joint in the robot file",
@@ -89,7 +89,7 @@ def check_commands(robot: Robot, commands: np.ndarray, period: float, advice: st
         share = np.abs(rows) / limit
         row, joint = divmod(int(np.argmax(share)), share.shape[1])
         worst, name = float(share[row, joint]), robot.joint_names[joint]
-        unit = per_second(UNITS[DRIVES[robot.drive]][robot.links.slides[joint]], order)
+        unit = per_second(robot.drive_kind.units[robot.links.slides[joint]], order)
         refuse_if(
             worst > 1.0,
             f"The command of joint {name!r} {_CHANGED[order]} than its drive takes.",

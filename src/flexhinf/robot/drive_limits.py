@@ -7,10 +7,8 @@ from typing import Any, Final, cast
 import numpy as np
 
 from flexhinf.arrays import Elements, Number
+from flexhinf.robot.parameters import UNLIMITED
 from flexhinf.scalars import clip
-
-#: Stands for the torque of a motor that has no limit within its drive, N·m: parameters are finite.
-UNLIMITED: Final = 1e9
 
 
 def largest_drive_torques(p: Any, count: int) -> np.ndarray:

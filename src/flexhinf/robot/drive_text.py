@@ -7,23 +7,19 @@ on it one or two commands later (docs/drives.md).
 from __future__ import annotations
 
 import json
-from typing import Final, NamedTuple
+from types import SimpleNamespace
+from typing import NamedTuple
 
+from flexhinf.robot.drives import DRIVES, DriveKind
 from flexhinf.robot.estimates import EstimatedJoint
 from flexhinf.robot.mjcf_actuators import DcMotor
 from flexhinf.robot.parameters import ESTIMATE
-
-#: Drives whose numbers are estimated here, with the bandwidth of their loops, Hz.
-LOOPS: Final = {"velocity": 60.0, "position": 20.0}
 
 #: Time between two commands, and from a command to the loop, s.
 PERIOD, DELAY = 4e-3, 8e-3
 
 #: Damping ratio of a position loop; the bandwidth's tolerance, per cent.
 RATIO, TOLERANCE = 0.9, 30.0
-
-#: Drives whose input is that of a motor with known constants, with its unit.
-ELECTRICAL: Final = {"voltage": "V", "current": "A"}
 
 #: Largest command over the joint's range or speed: what a law may add to the planned one.
 ROOM = 1.2
@@ -39,7 +35,7 @@ class DriveLines(NamedTuple):
 
 
 def drive_lines(
-    drive: str,
+    drive: DriveKind,
     limits: tuple[float, float] | None,
     speed: float,
     slides: bool,
@@ -48,23 +44,25 @@ def drive_lines(
 ) -> DriveLines:
     """Lines for a joint of a range, rad or m, and a speed, rad/s or m/s; no limit where none is stated. `torque`: the
     motor's largest, N·m or N, which `file` states."""
-    length = "m" if slides else "rad"
-    largest = {"velocity": speed, "position": max(map(abs, limits)) if limits else float("inf")}[drive]
-    unit = {"velocity": f"{length}/s", "position": length}[drive]
+    largest = speed if drive.takes_velocities else float("inf")
+    if drive.takes_positions and limits:
+        largest = max(map(abs, limits))
+    unit = drive.units[slides]
     limit = (
         f"effort_limit = {ROOM * largest:.4g}  # {unit}, the largest command"
         if largest < float("inf")
         else ""
     )
     source = f'source = "{ESTIMATE}: of a usual servo"'
-    ratio = (f"drive_damping_ratio = {{ value = {RATIO:g}, {source} }}",) if drive == "position" else ()
+    stated = "drive_damping_ratio" in drive.loop
+    ratio = (f"drive_damping_ratio = {{ value = {RATIO:g}, {source} }}",) if stated else ()
     text = json.dumps(file, ensure_ascii=False)
     limited = () if torque is None else (f"drive_torque_limit = {{ value = {torque:g}, source = {text} }}",)
     return DriveLines(
         limit,
         (
-            f'drive = "{drive}"',
-            f'drive_bandwidth = {{ value = "{LOOPS[drive]:g} Hz", tolerance = {TOLERANCE:g}, {source} }}',
+            f'drive = "{drive.name}"',
+            f'drive_bandwidth = {{ value = "{drive.usual_bandwidth:g} Hz", tolerance = {TOLERANCE:g}, {source} }}',
             *ratio,
             *limited,
             f'drive_period = "{1e3 * PERIOD:g} ms"  # between two commands: that of your interface',
@@ -73,23 +71,26 @@ def drive_lines(
     )
 
 
-def electrical_lines(motor: DcMotor, drive: str, guess: EstimatedJoint, file: str, coils: bool) -> DriveLines:
+def electrical_lines(
+    motor: DcMotor, drive: DriveKind, guess: EstimatedJoint, file: str, coils: bool
+) -> DriveLines:
     """Lines for a joint whose motor takes a voltage or a current; `file` states its constants, `coils` inductances too.
 
     Its largest voltage is the one that holds the largest torque at rest, where no smaller one is stated.
     """
     constant, resistance = motor.electrical["torque_constant"], motor.electrical["resistance"]
     torque = min(motor.torque, motor.voltage * constant / resistance)
-    stated = min(motor.voltage, motor.torque * resistance / constant)
-    limit = stated if drive == "voltage" else torque / constant
-    guessed = guess.effort / motor.gear_ratio / constant * (resistance if drive == "voltage" else 1.0)
+    p = SimpleNamespace(**motor.electrical)
+    limit, guessed = (
+        float(drive.holding_input(load, p)) for load in (torque, guess.effort / motor.gear_ratio)
+    )
     known = limit < float("inf")
     why = f"of {file}" if known else f"{ESTIMATE}: twice what weight asks for"
-    names = [name for name in motor.electrical if coils or name != "inductance"]
-    names = names if drive == "voltage" else ["torque_constant"]
+    usable = (*drive.constants, *(("inductance",) if coils and drive.coil else ()))
+    names = [name for name in motor.electrical if name in usable]
     source = f"source = {json.dumps(file, ensure_ascii=False)}"
     return DriveLines(
-        f"effort_limit = {limit if known else guessed:.4g}  # {ELECTRICAL[drive]}, {why}",
+        f"effort_limit = {limit if known else guessed:.4g}  # {drive.units[0]}, {why}",
         tuple(f"{name} = {{ value = {motor.electrical[name]:.6g}, {source} }}" for name in names),
         before_gear=True,
     )
@@ -97,4 +98,4 @@ def electrical_lines(motor: DcMotor, drive: str, guess: EstimatedJoint, file: st
 
 def loop_options(drive: str) -> str:
     """Options of a design that fit these lines; empty for other drives."""
-    return f" --period {1e3 * PERIOD:g}ms --latency {round(DELAY / PERIOD)}" if drive in LOOPS else ""
+    return f" --period {1e3 * PERIOD:g}ms --latency {round(DELAY / PERIOD)}" if DRIVES[drive].inner else ""

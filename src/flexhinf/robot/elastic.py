@@ -38,7 +38,7 @@ The derivatives of τ_J are exact: the Newton–Euler recursion runs on power se
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
@@ -49,7 +49,8 @@ import numpy as np
 from flexhinf.arrays import Elements, Number
 from flexhinf.errors import refuse_if
 from flexhinf.plant.model import ParameterTable
-from flexhinf.robot.drive_limits import UNLIMITED, limited_torques
+from flexhinf.robot.drive_limits import limited_torques
+from flexhinf.robot.drives import DRIVES, DriveKind, MotorTorque
 from flexhinf.robot.gears import (
     CURVE,
     curve_number,
@@ -61,7 +62,7 @@ from flexhinf.robot.gears import (
     tooth_ripple,
 )
 from flexhinf.robot.layout import Layout
-from flexhinf.robot.parameters import per_joint
+from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.scalars import absolute, clip, derivative, series, trace
 from flexhinf.validation import one_of
 
@@ -87,21 +88,7 @@ TEETH = ("kinematic_error", "torque_ripple")
 DRY = ("coulomb_friction", "stribeck_friction", "load_friction")
 
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
-DEFAULTS = {
-    "damping": 0.0,
-    "spring_hardening": 0.0,
-    "backlash": 0.0,
-    "coulomb_friction": 0.0,
-    "static_friction": 0.0,
-    "stribeck_velocity": 0.1,
-    "friction_smoothing": 0.01,
-    "kinematic_error": 0.0,
-    "kinematic_error_phase": 0.0,
-    "torque_ripple": 0.0,
-    "torque_ripple_phase": 0.0,
-    "load_friction": 0.0,
-    "drive_torque_limit": UNLIMITED,
-}
+DEFAULTS = {name: known.default for name, known in QUANTITIES.items() if known.default is not None}
 
 
 def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot: str) -> tuple[str, ...]:
@@ -199,7 +186,8 @@ class Sticking:
             at, moving = (self.layout.at_springs(x[k * n : (k + 1) * n]) for k in (0, 1))
             load = spring_torques(at, moving, x[2 * n : 3 * n], velocity, p, self.others, ratio)[1]
         level = dry_level(velocity, load, p, self.extras)
-        level = p.load_share * level if self.drive in INNER else level
+        kind = DRIVES[self.drive]
+        level = kind.share(p) * level if kind.inner else level
         most = np.broadcast_to((step / p.motor_inertia) * level, velocity.shape)
         lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
         return np.concatenate([x[: 2 * n], x[2 * n : 3 * n] - 0.5 * step * lost, velocity - lost, x[4 * n :]])
@@ -256,41 +244,8 @@ def friction_torque(velocity: Any, load: Any, p: Any, extras: Collection[str]) -
     return dry_level(velocity, load, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
 
 
-#: What the input is: the motor's voltage (V), its current (A), its torque on the link side (N·m), or the command of an
-#: inner loop, of the motor's velocity or position on the link side.
-DRIVES = {
-    "voltage": "motor_voltage",
-    "current": "motor_current",
-    "torque": "drive_torque",
-    "velocity": "velocity_command",
-    "position": "position_command",
-}
-
-#: Numbers of an inner loop in a robot: as a loop, or as its gains, by drive.
-INNER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "velocity": (("drive_bandwidth",), ("drive_damping",)),
-    "position": (("drive_bandwidth", "drive_damping_ratio"), ("drive_stiffness", "drive_damping")),
-}
-
-#: The motor's constants, which say what drives it: all three, the torque constant alone, or none.
-CONSTANTS = {
-    "voltage": ("resistance", "torque_constant", "back_emf_constant"),
-    "current": ("torque_constant",),
-    "torque": (),
-    "velocity": (),
-    "position": (),
-}
-
 #: What belongs to the spring, of which a rigid joint has none.
-SPRING = (
-    "stiffness",
-    *CURVE,
-    "damping",
-    "spring_hardening",
-    "backlash",
-    "kinematic_error",
-    "kinematic_error_phase",
-)
+SPRING = tuple(name for name, known in QUANTITIES.items() if known.of_spring)
 
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
 OPTIONAL = ("inductance", *DEFAULTS, *CURVE)
@@ -301,18 +256,16 @@ def required_of_drive(
 ) -> list[str]:
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways."""
     one_of("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
-    required, count = list[str](), len(joints)
+    kind, required, count = DRIVES[drive], list[str](), len(joints)
     coils = any(per_joint("inductance", joint, count) in names for joint in joints)
     for joint in joints:
         geared = per_joint("rotor_inertia", joint, count) in names
         inertia = ("rotor_inertia", "gear_ratio") if geared else ("motor_inertia",)
-        quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *CONSTANTS[drive])
-        if drive in INNER:
-            loop, gains = INNER[drive]
-            quantities += gains if per_joint(gains[0], joint, count) in names else loop
-        quantities += (
-            ("inductance",) if coils and drive == "voltage" else ()
-        )  # coils of some motors only are none
+        quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *kind.constants)
+        if kind.inner:
+            stated = any(per_joint(gain, joint, count) in names for gain in kind.gains[:1])
+            quantities += kind.gains if stated else kind.loop
+        quantities += ("inductance",) if coils and kind.coil else ()  # coils of some motors only are none
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
 
@@ -351,9 +304,13 @@ def reflected(
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
+    def of_joint(joint: str) -> Callable[[str, Number], Number]:
+        return lambda quantity, default: of(quantity, joint, default)
+
     stated, toothed = _stated(tuple(values), tuple(joints))
     packed: dict[str, list[Number]] = {
-        quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
+        quantity: []
+        for quantity in ("stiffness", "motor_inertia", "friction", *DRIVES[drive].constants, *stated)
     }
     packed |= {"gear_ratio": []} if toothed else {}
     for joint in joints:
@@ -380,26 +337,10 @@ def reflected(
                 column.append(of(quantity, joint, DEFAULTS[quantity]))
             else:
                 column.append(factor.get(quantity, 1.0) * of(quantity, joint))
-    for joint, inertia in zip(joints, packed["motor_inertia"]) if drive in INNER else ():
-        rate = of("drive_bandwidth", joint, 0.0)
-        ratio = 0.5 if drive == "velocity" else of("drive_damping_ratio", joint, 0.0)
-        numbers: dict[str, Number] = {
-            "drive_stiffness": of("drive_stiffness", joint, inertia * rate * rate),
-            "drive_damping": of("drive_damping", joint, 2.0 * ratio * rate * inertia),
-            "load_share": of("load_share", joint, 1.0),
-        }
-        for quantity in ("drive_damping", "load_share") if drive == "velocity" else numbers:
-            packed.setdefault(quantity, []).append(numbers[quantity])
+    for joint, inertia in zip(joints, packed["motor_inertia"]):
+        for quantity, number in DRIVES[drive].gains_of(of_joint(joint), inertia).items():
+            packed.setdefault(quantity, []).append(number)
     return packed
-
-
-def torque_per_input(drive: str, p: Any) -> Elements | float:
-    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, the gain
-    of an inner loop for its command, or one."""
-    if drive in INNER:
-        return p.drive_stiffness if drive == "position" else p.drive_damping
-    gain = 1.0 if drive == "torque" else p.torque_constant
-    return gain / p.resistance if drive == "voltage" else gain
 
 
 @dataclass(frozen=True)
@@ -408,9 +349,9 @@ class ElasticFlow:
 
     Where joints are coupled, `Layout`, the springs are K(q2 − T q1), and push the links with Tᵀ of that.
 
-    τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where L di/dt = V − R i
-    − k_b q̇2. Of an inner loop it is k_v (c − q̇2) or k_p (c − q2) − k_d q̇2, and spring and friction count by σ. x =
-    (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
+    τ is that of the drive, see `flexhinf.robot.drives`; with the coil k_t i, where L di/dt = V − R i − k_b q̇2. Of an
+    inner loop spring and friction count by σ. x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link,
+    d_motor).
 
     A rigid joint has neither spring nor q2: its row is (M(q1) + J) q̈1 + C q̇1 + G + B q̇1 = τ + d_link + d_motor.
     """
@@ -420,34 +361,29 @@ class ElasticFlow:
     extras: tuple[str, ...]
     layout: Layout
 
+    @property
+    def kind(self) -> DriveKind:
+        """How the motors are driven."""
+        return DRIVES[self.drive]
+
     def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Elements:
         """The rates of all states, of any element."""
         layout, n, elastic = self.layout, self.layout.n, self.layout.elastic
         q, dq, theta, dtheta = layout.split(x)
         current, speed = x[layout.mechanical :], layout.motors(dq, dtheta)
-        torque, damping = u, p.friction  # the motor's torque, and what multiplies −q̇2
-        share: Any = 1.0  # of the load on a motor
-        if self.drive in INNER:
-            share, torque = p.load_share, torque_per_input(self.drive, p) * u
-            damping = p.drive_damping + share * p.friction
-            if self.drive == "position":
-                torque = torque - p.drive_stiffness * layout.motors(q, theta)
-            if "drive_torque_limit" in self.extras:
-                share, torque, damping = 1.0, torque - p.drive_damping * speed, p.friction
-        elif "inductance" in self.extras and self.drive != "torque":
-            torque = p.torque_constant * current
-        elif self.drive != "torque":
-            gain = torque_per_input(self.drive, p)
-            back = gain * p.back_emf_constant if self.drive == "voltage" else 0.0
-            torque, damping = gain * u, p.friction + back
+        kind, limited = self.kind, "drive_torque_limit" in self.extras
+        if "inductance" in self.extras:
+            torque, damping, share = MotorTorque(p.torque_constant * current, p.friction)
+        else:
+            torque, damping, share = kind.driven(u, layout.motors(q, theta), speed, p, limited)
         if not layout.rigid:
             ratio = p.gear_ratio if "kinematic_error" in self.extras else None
             at, moving = layout.at_springs(q), layout.at_springs(dq)
             spring, on_motors = spring_torques(at, moving, theta, dtheta, p, self.extras, ratio)
             load = self._resistance(theta, dtheta, on_motors, p), on_motors
-            if "drive_torque_limit" in self.extras:
+            if limited:
                 torque = limited_torques(torque, damping * dtheta + load[0] + load[1], p)
-            elif self.drive in INNER:
+            elif kind.inner:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
             link_acceleration = self.links.accelerations(q, dq, layout.on_links(spring) + d[:n], p)
@@ -458,9 +394,9 @@ class ElasticFlow:
             spring, on_motors = spring_torques(at, moving, theta, dtheta, p, self.extras, ratio)
             load = layout.motors(0.0 * q, on_motors)
             dry = self._resistance(layout.motors(q, theta), speed, load, p)
-            if "drive_torque_limit" in self.extras:
+            if limited:
                 torque = limited_torques(torque, damping * speed + dry + load, p)
-            elif self.drive in INNER:
+            elif kind.inner:
                 dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
             rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
@@ -534,25 +470,19 @@ class InverseFlow:
             twists = [(1.0 / p.stiffness) * torques for torques in twisting]
         own = [layout.at_springs(at) + twist for at, twist in zip((q, dq, ddq), twists)]
         angle, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
-        if self.drive in INNER:
-            return np.concatenate([q, dq, own[0], own[1]]), self._command(angle, speed, acceleration, load, p)
-        drive = p.motor_inertia * acceleration + p.friction * speed + load
-        if set(DRY) & set(self.extras):
-            drive = drive + friction_torque(speed, load, p, self.extras)
-        if self.drive == "current":
-            drive = (1.0 / p.torque_constant) * drive
-        elif self.drive == "voltage":
-            drive = (p.resistance / p.torque_constant) * drive + p.back_emf_constant * speed
-        return np.concatenate([q, dq, own[0], own[1]]), drive
+        kind = DRIVES[self.drive]
+        torque = self._torque(speed, acceleration, load, p, kind)
+        return np.concatenate([q, dq, own[0], own[1]]), kind.input_for(torque, angle, speed, p)
 
-    def _command(self, angle: Any, speed: Any, acceleration: Any, load: Any, p: Any) -> Elements:
-        """Command (n,) of an inner loop, whose motor moves so under a load."""
-        friction = p.friction * speed
-        if set(DRY) & set(self.extras):
-            friction = friction + friction_torque(speed, load, p, self.extras)
-        torque = p.motor_inertia * acceleration + p.load_share * (friction + load)
-        ahead = (1.0 / torque_per_input(self.drive, p)) * (torque + p.drive_damping * speed)
-        return angle + ahead if self.drive == "position" else ahead
+    def _torque(self, speed: Any, acceleration: Any, load: Any, p: Any, kind: DriveKind) -> Elements:
+        """Torque (n,) that moves motors so under a load, of which a loop of their own leaves its share."""
+        friction, moved = p.friction * speed, p.motor_inertia * acceleration
+        dry = set(DRY) & set(self.extras)
+        if kind.inner:
+            friction = friction + friction_torque(speed, load, p, self.extras) if dry else friction
+            return moved + kind.share(p) * (friction + load)
+        torque = moved + friction + load
+        return torque + friction_torque(speed, load, p, self.extras) if dry else torque
 
 
 @lru_cache(maxsize=64)

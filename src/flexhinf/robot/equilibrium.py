@@ -13,7 +13,8 @@ import numpy as np
 from flexhinf.arrays import Number
 from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Links, Pendulum
-from flexhinf.robot.elastic import INNER, reflected, torque_per_input
+from flexhinf.robot.drives import DRIVES
+from flexhinf.robot.elastic import reflected
 from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist, meshed, tooth_error, tooth_ripple
 from flexhinf.robot.layout import Layout
 from flexhinf.robot.parameters import PlantValues
@@ -94,16 +95,11 @@ def equilibrium(
         turned[elastic] = motors
         held = held + tooth_ripple(turned, p)
     still = np.zeros(q.shape)
-    states, effort = [q, still, motors, still[elastic]], np.array(held, dtype=float)
-    if drive in INNER:
-        gain = torque_per_input(drive, p)
-        effort = np.asarray(p.load_share * held / gain, dtype=float)
-        if drive == "position":
-            effort = effort + at
-            effort[elastic] += twist
-    elif drive != "torque":
-        effort = np.asarray(held / p.torque_constant, dtype=float)
-    if drive == "voltage":
-        states += [effort] if "inductance" in on else []
-        effort = np.asarray(p.resistance * effort, dtype=float)
+    kind, states = DRIVES[drive], [q, still, motors, still[elastic]]
+    effort = np.array(kind.holding_input(held, p), dtype=float)
+    if kind.takes_positions:
+        effort = effort + at
+        effort[elastic] += twist
+    if "inductance" in on:
+        states.append(np.asarray(kind.coil_currents(held, p), dtype=float))
     return np.concatenate(states), effort

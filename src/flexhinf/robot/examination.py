@@ -15,7 +15,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques
-from flexhinf.robot.elastic import DRIVES, DRY, EXTRAS, INNER, stated_curve, torque_per_input
+from flexhinf.robot.elastic import DRY, EXTRAS, stated_curve
 from flexhinf.robot.estimates import FASTEST, has_placeholder_effort, largest_weight, weak_joints
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
@@ -23,7 +23,6 @@ from flexhinf.robot.init_file import branches_text, description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.robot_file import format_readers, load_robot
-from flexhinf.robot.signals import UNITS
 
 #: Share of the largest weight below which one is an error of rounding.
 ROUNDING = 1e-12
@@ -275,10 +274,10 @@ def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
     """The largest torque of each motor at rest; infinite where no limit is stated, NaN of an inner loop that states
     none, whose limit is that of its command."""
     limits = robot.effort_limits or [None] * len(robot.joint_names)
-    if robot.drive in INNER:
+    if robot.drive_kind.inner:
         own = largest_drive_torques(p, len(limits))
         return np.where(np.isfinite(own), own, math.nan).tolist()
-    gain = np.broadcast_to(torque_per_input(robot.drive, p), len(limits))
+    gain = np.broadcast_to(robot.drive_kind.torque_per_input(p), len(limits))
     return [math.inf if limit is None else float(limit * k) for limit, k in zip(limits, gain)]
 
 
@@ -331,15 +330,16 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
 
 def _of_commands(robot: Robot) -> Iterator[RobotFinding]:
     """Findings about the largest commands of drives that take positions or velocities, beside what the joints do."""
-    if robot.drive not in INNER or not robot.effort_limits:
+    drive = robot.drive_kind
+    if not (drive.takes_positions or drive.takes_velocities) or not robot.effort_limits:
         return
-    n, kind = len(robot.joint_names), "range" if robot.drive == "position" else "speed limit"
+    n, kind = len(robot.joint_names), "range" if drive.takes_positions else "speed limit"
     ranges = [limits and max(map(abs, limits)) for limits in robot.links.limits]
-    needs = ranges if robot.drive == "position" else robot.speed_limits or [None] * n
+    needs = ranges if drive.takes_positions else robot.speed_limits or [None] * n
     for name, slides, most, need in zip(robot.joint_names, robot.links.slides, robot.effort_limits, needs):
         if most is None or need is None or need <= most <= FAR * need:
             continue
-        unit = UNITS[DRIVES[robot.drive]][slides]
+        unit = drive.units[slides]
         yield RobotFinding(
             "doubt",
             f"The largest command is {'far beyond' if most > need else 'less than'} the joint's {kind}.",

@@ -34,6 +34,7 @@ from flexhinf.arrays import Matrix
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import StatedRepr
 from flexhinf.robot.command_limits import check_commands, check_sizes
+from flexhinf.robot.drives import TORQUE
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.shaper import shaped_path
@@ -198,4 +199,4 @@ class Feedforward(StatedRepr):
     @property
     def inverse(self) -> InverseFlow:
         """The inverse dynamics with the motors' torques for inputs."""
-        return InverseFlow(self.robot.links, "torque", layout=self.robot.layout)
+        return InverseFlow(self.robot.links, TORQUE.name, layout=self.robot.layout)

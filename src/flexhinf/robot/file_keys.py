@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, cast
 
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.robot.actuators import (
     PublishedJoint,
     gear_advice,
@@ -23,13 +24,13 @@ from flexhinf.robot.actuators import (
     published_joints,
 )
 from flexhinf.robot.drive_limits import OF_COMMANDS, per_second
+from flexhinf.robot.drives import DRIVES
 from flexhinf.robot.dynamics import KINDS
-from flexhinf.robot.elastic import DRIVES, SPRING
+from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
 from flexhinf.robot.parts import BESIDE, TIMES, ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
-from flexhinf.robot.signals import SENSORS, UNITS
 from flexhinf.validation import nearest, real_number
 
 #: Where a value stands: keys of tables, and numbers of rows.
@@ -88,7 +89,7 @@ class Key(NamedTuple):
 
     ``read(file, value, key, place)`` returns the value, or raises `Unusable` as for one that is not `usable`. Units are
     SI, for a joint that turns and one that slides; a size is that of a list, 0 for any; `inside` names the table that
-    is expected.
+    is expected, `field` what a `Robot` has of all joints, one value each.
     """
 
     read: Reader = _as_stated
@@ -99,6 +100,7 @@ class Key(NamedTuple):
     default: Any = None
     usable: Callable[[object], bool] = lambda value: True
     expected: str = ""
+    field: str = ""
 
 
 #: What a stiffness in N/m means for a joint that turns.
@@ -266,7 +268,7 @@ def _sensors(file: PartReader, value: object, key: Key, place: Place) -> list[di
     rows = list[dict[str, Any]]()
     for i, row in enumerate(value):
         kind = row.get("kind") if is_dict(row) else None
-        units = UNITS[kind] if isinstance(kind, str) and kind in SENSORS else ()
+        units = SENSORS[kind].units if isinstance(kind, str) and kind in SENSORS else ()
         own = {name: TABLES["sensor"][name]._replace(units=units) for name in ("step", "noise")}
         rows.append(file.table(row, TABLES["sensor"] | own, (*place, i)))
     return rows
@@ -285,6 +287,27 @@ def _gear(file: PartReader, value: object, key: Key, place: Place) -> PublishedJ
     if name not in known:
         raise Unusable(*gear_advice(name, "'CSG-25-100'"))
     return known[name]
+
+
+def _kind_name(kinds: Collection[str]) -> Reader:
+    """The reader of a kind's name, of those that are registered when it reads."""
+
+    def read(file: PartReader, value: object, key: Key, place: Place) -> object:
+        if not isinstance(value, str) or value not in kinds:
+            raise Unusable(f"one of {', '.join(map(repr, kinds))}", "")
+        return value
+
+    return read
+
+
+def _of_command(order: int) -> Reader:
+    """The reader of a limit of a command, or of its derivative of an order, in the units of any drive's input."""
+
+    def read(file: PartReader, value: object, key: Key, place: Place) -> object:
+        units = dict.fromkeys(per_second(unit, order) for kind in DRIVES.values() for unit in kind.units)
+        return _number(file, value, key._replace(units=tuple(units)), place)
+
+    return read
 
 
 def _is_positive(value: object) -> bool:
@@ -311,8 +334,7 @@ def _among(names: Collection[str]) -> Callable[[object], bool]:
     return lambda value: isinstance(value, str) and value in names
 
 
-_POSITION, _METRES = UNITS["link_position"], ("m",)
-_EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
+_POSITION, _SPEED, _METRES = ("rad", "m"), ("rad/s", "m/s"), ("m",)
 _POSITIVE = Key(_number, usable=_is_positive, expected="a number greater than 0")
 _TEXT = Key(usable=_is_text, expected="a text")
 _PERCENT = Key(
@@ -331,12 +353,9 @@ MOTOR = tuple(each.name for each in fields(ElasticJoint) if each.name not in (*B
 
 #: What says how a motor is driven beside its constants, with times of its drive, and limits of its command.
 _DRIVE = {
-    "drive": Key(usable=_among(DRIVES), expected=f"one of {', '.join(map(repr, DRIVES))}"),
+    "drive": Key(_kind_name(DRIVES)),
     **dict.fromkeys(TIMES, Key(_number, ("s",))),
-    **{
-        name: _POSITIVE._replace(units=tuple(dict.fromkeys(per_second(unit, order) for unit in _EFFORT)))
-        for order, name in enumerate(OF_COMMANDS[1:], 1)
-    },
+    **{name: _POSITIVE._replace(read=_of_command(order)) for order, name in enumerate(OF_COMMANDS[1:], 1)},
 }
 
 _OF_JOINT = {
@@ -377,11 +396,11 @@ TABLES: dict[str, dict[str, Key]] = {
         "rpy": Key(_list, ("rad",), 3),
         "limits": Key(_list, _POSITION, 2),
         "parent": _TEXT,
-        "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
-        "effort_limit": _POSITIVE._replace(units=_EFFORT),
+        "speed_limit": _POSITIVE._replace(units=_SPEED, field="speed_limits"),
+        "effort_limit": _POSITIVE._replace(read=_of_command(0), field="effort_limits"),
         "link": Key(_table, inside="link"),
         "rigid": Key(usable=_is_flag, expected="true or false", default=False),
-        "brakes": Key(usable=_is_flag, expected="true or false", default=False),
+        "brakes": Key(usable=_is_flag, expected="true or false", default=False, field="brakes"),
         "coupling": Key(_shares),
         "spring": Key(_spring, inside="spring"),
         "motor": Key(_table, inside="motor", default={}),
@@ -390,9 +409,8 @@ TABLES: dict[str, dict[str, Key]] = {
     },
     "sensor": {
         "kind": Key(
+            _kind_name(SENSORS),
             required=True,
-            usable=_among(SENSORS),
-            expected=f"one of {', '.join(map(repr, SENSORS))}",
         ),
         "counts": _POSITIVE,
         "step": _POSITIVE,
@@ -417,7 +435,7 @@ TABLES: dict[str, dict[str, Key]] = {
     "tolerances": {
         name: _PERCENT
         for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT)
-        if name not in ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
+        if name not in QUANTITIES or QUANTITIES[name].shared
     },
     "payload": {
         "at": _TEXT,
@@ -437,36 +455,23 @@ def is_table(value: object) -> bool:
     return is_dict(value) or (is_list(value) and any(is_dict(x) for x in value))
 
 
+#: What other programs and data sheets call our keys that are no numbers of `QUANTITIES`.
+_CALLED = {
+    "speed_limit": "velocity_limit max_velocity max_speed maximum_speed maximum_velocity velocity speed vel_limit",
+    "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
+    "torque voltage_limit max_voltage current_limit max_current",
+    "limits": "limit range position_limits joint_limits angle_limits",
+    "centre_of_mass": "center_of_mass com cog centre_of_gravity center_of_gravity",
+    "xyz": "position pos origin translation",
+    "rpy": "orientation rotation euler",
+    "kind": "type joint_type",
+    "down": "gravity_direction",
+}
+
 #: What other programs and data sheets call our keys.
 SYNONYMS = {
     other: key
-    for key, others in {
-        "friction": "viscous_friction viscous_damping viscous motor_friction motor_damping damping",
-        "coulomb_friction": "dry_friction friction_torque frictionloss friction_loss stiction breakaway_torque",
-        "damping": "spring_damping joint_damping damping_coefficient",
-        "stiffness": "spring_constant spring_stiffness spring_rate joint_stiffness torsional_stiffness k",
-        "first_stiffness": "k1 k_1 stiffness_1 stiffness_k1",
-        "second_stiffness": "k2 k_2 stiffness_2 stiffness_k2",
-        "third_stiffness": "k3 k_3 stiffness_3 stiffness_k3",
-        "first_torque": "t1 t_1 torque_1 limit_torque_1",
-        "second_torque": "t2 t_2 torque_2 limit_torque_2",
-        "speed_limit": "velocity_limit max_velocity max_speed maximum_speed maximum_velocity velocity speed vel_limit",
-        "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
-        "torque voltage_limit max_voltage current_limit max_current",
-        "limits": "limit range position_limits joint_limits angle_limits",
-        "gear_ratio": "reduction ratio gearing gear_reduction reduction_ratio transmission_ratio",
-        "gear_efficiency": "efficiency",
-        "motor_inertia": "armature reflected_inertia inertia",
-        "torque_constant": "kt k_t motor_constant",
-        "back_emf_constant": "ke k_e kb back_emf emf_constant",
-        "resistance": "armature_resistance winding_resistance coil_resistance r",
-        "inductance": "armature_inductance winding_inductance l",
-        "centre_of_mass": "center_of_mass com cog centre_of_gravity center_of_gravity",
-        "xyz": "position pos origin translation",
-        "rpy": "orientation rotation euler",
-        "kind": "type joint_type",
-        "down": "gravity_direction",
-    }.items()
+    for key, others in ({name: known.also for name, known in QUANTITIES.items()} | _CALLED).items()
     for other in others.split()
 }
 

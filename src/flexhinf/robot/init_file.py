@@ -13,7 +13,8 @@ from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.actuators import gear_advice, gear_name, published_gears, published_joints
-from flexhinf.robot.drive_text import ELECTRICAL, LOOPS, DriveLines, drive_lines, electrical_lines
+from flexhinf.robot.drive_text import DriveLines, drive_lines, electrical_lines
+from flexhinf.robot.drives import DRIVES, TORQUE, VOLTAGE
 from flexhinf.robot.dynamics import KINDS, Tree
 from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
@@ -183,6 +184,10 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names))
 
 
+def _either(names: Sequence[str]) -> str:
+    return " or ".join(", ".join(names).rsplit(", ", 1))
+
+
 def branches_text(arm: RigidArm, path: Path, options: Sequence[str] = ()) -> str:
     """That the joints form several branches, such as two arms, and how one is taken alone, with more options; "" for a
     chain."""
@@ -201,15 +206,16 @@ def drive_of(arm: RigidArm, wanted: str | None) -> str:
     """What the motors of an arm take: what is wanted, else voltages where each joint has a <dcmotor> that takes them,
     else torques."""
     motors = [arm.dc_motors.get(joint.name) for joint in arm.joints]
+    others = [kind.name for kind in DRIVES.values() if not kind.constants]
     unknown = [joint.name for joint, motor in zip(arm.joints, motors) if motor is None]
     refuse_if(
-        wanted in ELECTRICAL and unknown,
+        wanted and DRIVES[wanted].constants and unknown,
         "The constants of motors are not known.",
-        f"expected --drive torque, velocity or position where no <dcmotor> drives {_listed(unknown[:5])}, got {wanted}",
+        f"expected --drive {_either(others)} where no <dcmotor> drives {_listed(unknown[:5])}, got {wanted}",
         "torque_constant (and resistance, back_emf_constant) in [joint.motor] of the file that is written",
     )
     by_voltage = all(motor is not None and motor.takes_voltage for motor in motors)
-    return wanted or ("voltage" if by_voltage else "torque")
+    return wanted or (VOLTAGE if by_voltage else TORQUE).name
 
 
 def gears_named(arm: RigidArm, texts: Sequence[str]) -> dict[str, str]:
@@ -233,14 +239,14 @@ def robot_file_text(
     found: Description,
     arm: RigidArm,
     out: Path,
-    drive: str = "torque",
+    drive: str = TORQUE.name,
     rigid: Sequence[str] = (),
     gears: Mapping[str, str] | None = None,
 ) -> str:
     """A robot file beside which `out` is: every joint that moves, numbers of the file, estimates of the others.
 
-    `drive`: what the motors take; "voltage" and "current" only where each joint has a <dcmotor>. `rigid`: joints
-    without a spring. `gears`: names of published gears by joint, beside those that the file names.
+    `drive`: what the motors take; one that needs their constants only where each joint has a <dcmotor>. `rigid`:
+    joints without a spring. `gears`: names of published gears by joint, beside those that the file names.
     """
     file, key = found.path.name, "mjcf" if found.is_mjcf else "urdf"
     beside = Path(os.path.relpath(found.path.absolute(), out.absolute().parent)).as_posix()
@@ -262,14 +268,14 @@ def robot_file_text(
     stated = {} if found.is_mjcf else transmissions(found.root)
     coupled = {} if found.is_mjcf else couplings(found.root, found.joints)
     named = gears_of(found.root) | dict(gears or {})
-    coils = all("inductance" in motor.electrical for motor in arm.dc_motors.values())
+    kind, coils = DRIVES[drive], all("inductance" in motor.electrical for motor in arm.dc_motors.values())
     for joint, speed, (name, guess) in zip(
         arm.joints, arm.speeds, estimated_joints(arm).items(), strict=True
     ):
         torque = guess.effort if guess.stated else None
-        loop = drive_lines(drive, joint.limits, speed, joint.slides, torque, file) if drive in LOOPS else None
-        if drive in ELECTRICAL:
-            loop = electrical_lines(arm.dc_motors[name], drive, guess, file, coils)
+        loop = drive_lines(kind, joint.limits, speed, joint.slides, torque, file) if kind.inner else None
+        if kind.constants:
+            loop = electrical_lines(arm.dc_motors[name], kind, guess, file, coils)
         lines += ["", "[[joint]]", f"name = {_text(name)}"]
         if name in coupled:
             row = ", ".join(f"{toml_key(joint)} = {factor:g}" for joint, factor in coupled[name].items())

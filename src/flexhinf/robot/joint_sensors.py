@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexhinf.errors import located, refuse_if
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.signals import SENSORS, TWISTS, UNITS
 from flexhinf.validation import distinct, nearest
-
-#: What encoders measure, of which a file may state the counts per turn.
-ENCODED = ("link_position", "motor_position", "deflection")
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ def check_sensors(
         per_joint(quantity, joint, len(joints))
         for quantity in SENSORS
         for joint in joints
-        if joint not in rigid or quantity not in TWISTS
+        if joint not in rigid or not SENSORS[quantity].of_springs
     }
     for sensor in sensors:
         refuse_if(
@@ -54,7 +51,7 @@ def check_sensors(
             nearest(
                 sensor.signal,
                 sorted(known),
-                f"JointSensor({per_joint(SENSORS[0], joints[0], len(joints))!r})",
+                f"JointSensor({per_joint(next(iter(SENSORS)), joints[0], len(joints))!r})",
             ),
         )
         usable = all(math.isfinite(x) and x >= 0.0 for x in (sensor.step, sensor.noise))
@@ -96,13 +93,14 @@ def file_sensors(
 
 def _step_and_noise(row: Mapping[str, Any], ratio: float | None, sliding: bool) -> tuple[float, float]:
     """Step and noise seen from the link, of a sensor of a joint with this gear ratio, rad/rad or rad/m."""
-    kind, turns = row["kind"], not sliding
-    of_motor = kind in ("motor_position", "motor_velocity")
-    before = row.get("before_gear", of_motor and ratio is not None)
+    kind, turns = SENSORS[row["kind"]], not sliding
+    before = row.get("before_gear", kind.of_motors and ratio is not None)
+    motors = [each.name for each in SENSORS.values() if each.of_motors]
+    encoders = [each.name for each in SENSORS.values() if each.counted]
     refuse_if(
-        before and not of_motor,
+        before and not kind.of_motors,
         "It is before the gear, where no link is.",
-        f"expected motor_position or motor_velocity there, got {kind!r}",
+        f"expected {' or '.join(motors)} there, got {kind.name!r}",
         "before_gear = false, or left out",
     )
     refuse_if(
@@ -112,11 +110,11 @@ def _step_and_noise(row: Mapping[str, Any], ratio: float | None, sliding: bool) 
         "gear_ratio with rotor_inertia instead of motor_inertia; or before_gear = false with numbers behind the gear",
     )
     refuse_if(
-        "counts" in row and ("step" in row or kind not in ENCODED or not (turns or before)),
+        "counts" in row and ("step" in row or not kind.counted or not (turns or before)),
         "Its counts per turn do not fit it.",
-        f"expected counts or step of an encoder that turns ({', '.join(ENCODED)}), got "
-        f"{[key for key in ('counts', 'step') if key in row]} of {kind!r}",
-        f"step = … {UNITS[kind][sliding]} alone",
+        f"expected counts or step of an encoder that turns ({', '.join(encoders)}), got "
+        f"{[key for key in ('counts', 'step') if key in row]} of {kind.name!r}",
+        f"step = … {kind.units[sliding]} alone",
     )
     step = 2.0 * math.pi / row["counts"] if "counts" in row else row.get("step", 0.0)
     scale = abs(ratio or 1.0) if before else 1.0

@@ -25,7 +25,6 @@ from flexhinf.plant.plant import motion_of
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.command_limits import check_commands
 from flexhinf.robot.dynamics import bodies_of, frames_of, mass_matrix, matrix_of
-from flexhinf.robot.elastic import DRIVES, INNER
 from flexhinf.robot.parameters import checked_limits, payload_masses, per_joint
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import NO_LIMIT
@@ -66,7 +65,7 @@ def check_reference(
     times = np.append(np.arange(0.0, duration, period), duration)
     names, rates, motors = (
         signal_names(quantity, robot.joint_names)
-        for quantity in ("link_position", "link_velocity", DRIVES[robot.drive])
+        for quantity in ("link_position", "link_velocity", robot.drive_kind.quantity)
     )
     if isinstance(signals, Mapping):
         full = dict(zip(robot.joint_names, names))
@@ -88,7 +87,7 @@ def check_reference(
     checks = [(motion[1], fastest, "link_velocity")] if order else []
     if effort is not None:
         limit = checked_limits("The efforts", effort, robot.joint_names, motors)
-        checks.append((robot.inverse_dynamics(*motion)[1], limit, DRIVES[robot.drive]))
+        checks.append((robot.inverse_dynamics(*motion)[1], limit, robot.drive_kind.quantity))
         check_commands(robot, checks[-1][0][:-1], period)
     largest = 0.0
     for rows, limit, quantity in checks:
@@ -126,11 +125,11 @@ def check_holding(
         "The efforts",
         robot.effort_limits if limit is None else limit,
         robot.joint_names,
-        signal_names(DRIVES[robot.drive], robot.joint_names),
+        signal_names(robot.drive_kind.quantity, robot.joint_names),
     )
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
-        unit = UNITS[DRIVES[robot.drive]][robot.links.slides[worst]]
+        unit = robot.drive_kind.units[robot.links.slides[worst]]
         stated, larger = explain(worst)
         raise InvalidInput(
             f"The motor of joint {robot.joint_names[worst]!r} cannot hold this pose.",
@@ -468,10 +467,10 @@ def _kind_of_motor(robot: Robot, k: int) -> str:
 def check_twist(robot: Robot, file: str) -> None:
     """Ask about springs that the motors at their limits twist by very much or hardly at all."""
     p, limits = robot.plant_parameters(), robot.effort_limits
-    if limits is None or robot.rigid or robot.drive in INNER:  # a command says nothing of torques
+    if limits is None or robot.rigid or robot.drive_kind.inner:  # a command says nothing of torques
         return
     n = len(robot.joint_names)
-    per_input = {"torque": 1.0, "current": p.get("torque_constant"), "voltage": _stall(p)}[robot.drive]
+    per_input = robot.drive_kind.torque_per_input(Parameters(p))
     torques = np.array([np.nan if limit is None else limit for limit in limits], dtype=float) * per_input
     least, most = UNUSUAL["full torque"]
     springs = np.broadcast_to(p["stiffness"], n)
@@ -481,7 +480,7 @@ def check_twist(robot: Robot, file: str) -> None:
             robot.nominal.get(per_joint(key, joint.name, n), 0.0) for key in ("torque_constant", "gear_ratio")
         )
         product = ""
-        if robot.drive == "current" and constant and ratio:
+        if robot.drive_kind.constants == ("torque_constant",) and ratio:
             product = f"torque_constant {constant:g} × gear_ratio {ratio:g} × effort_limit {limit:g} = "
         ask(
             not joint.slides and np.isfinite(twist) and not least <= twist <= most,
@@ -514,11 +513,6 @@ def _twist_advice(twist: float, spring: float, constant: float) -> str:
         if texts
         else "another stiffness or effort_limit"
     )
-
-
-def _stall(p: Mapping[str, Any]) -> np.ndarray | float:
-    """Torque per volt of motors that stand still, on the link side; 0 without a resistance."""
-    return np.asarray(p["torque_constant"]) / p["resistance"] if "resistance" in p else 0.0
 
 
 def check_load(robot: Robot, file: str) -> None:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.plant import Parameters
-from flexhinf.robot.elastic import DRIVES, EXTRAS, torque_per_input, with_dry_friction
+from flexhinf.robot.elastic import EXTRAS, with_dry_friction
 from flexhinf.robot.kinematics import link_frames, skeleton
 from flexhinf.robot.mujoco import EXPRESSED, MISSING, inexpressible, mujoco_xml
 from flexhinf.robot.robot import Robot
@@ -109,10 +109,14 @@ def _add_actuators(root: ET.Element, robot: Robot, p: Parameters) -> None:
     joints, n = robot.joint_names, len(robot.joint_names)
     loops = root.findall("actuator/*")
     actuator = None if loops else ET.SubElement(root, "actuator")
-    gains = np.broadcast_to(torque_per_input(robot.drive, p), n).tolist()
+    gains = np.broadcast_to(robot.drive_kind.torque_per_input(p), n).tolist()
     quantities = ["link_position" if joint in robot.rigid else "motor_position" for joint in joints]
     rows = zip(
-        signal_names(DRIVES[robot.drive], joints), quantities, range(n), gains, robot.effort_limits or ()
+        signal_names(robot.drive_kind.quantity, joints),
+        quantities,
+        range(n),
+        gains,
+        robot.effort_limits or (),
     )
     for name, quantity, i, gain, limit in rows:
         limits = {}

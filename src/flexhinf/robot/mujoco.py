@@ -25,13 +25,14 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.dynamics import matrix_of
-from flexhinf.robot.elastic import EXTRAS, INNER, checked_extras, torque_per_input
+from flexhinf.robot.elastic import EXTRAS, checked_extras
 from flexhinf.robot.gears import curve_parts
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
+from flexhinf.robot.signals import MECHANICAL, Sensors, signal_names, units_of
 from flexhinf.validation import checked_array, checked_positive, extra_package
 
 #: Wind-ups of the springs are drawn so many times larger.
@@ -214,12 +215,12 @@ class MuJoCoPlant(BlackBox):
         self._p = p = Parameters(packed)
         joints = robot.joint_names
         self._n, self._robot = len(joints), robot
-        model = robot.plant(SENSORS if measured is None else measured)
+        model = robot.plant(tuple(SENSORS) if measured is None else measured)
         self.states, self.inputs = tuple(model.states), tuple(model.inputs)
         self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
         self._sensors = None if measured is None else Sensors(tuple(model.outputs), joints, on, robot.layout)
         self.outputs = self.states if self._sensors is None else self._sensors.names
-        self._gain = np.broadcast_to(torque_per_input(robot.drive, p), self._n)
+        self._gain = np.broadcast_to(robot.drive_kind.torque_per_input(p), self._n)
         self.model = self._mujoco.MjModel.from_xml_string(mujoco_xml(robot, packed, on))
         self.data = self._mujoco.MjData(self.model)
         self.reset(None)
@@ -241,7 +242,7 @@ class MuJoCoPlant(BlackBox):
         n, layout = self._n, self._robot.layout
         count = max(1, int(np.ceil(period / self._step - 1e-9)))
         torque = np.zeros(2 * n) if np.size(disturbance) == 0 else np.array(disturbance, dtype=float)
-        if self._robot.drive in INNER:
+        if self._robot.drive_kind.inner:
             self.data.ctrl[:] = u
             torque[n:] /= np.maximum(self._p.load_share, REJECTED)
         else:
@@ -291,19 +292,17 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     p, layout, n = Parameters(dict(parameters)), robot.layout, len(robot.joint_names)
     rigid = robot.links.rigid(p)
     links, motors = (signal_names(name, robot.joint_names) for name in MECHANICAL[::2])
-    friction = p.friction
-    if robot.drive == "voltage":
-        friction = friction + p.torque_constant * p.back_emf_constant / p.resistance
+    friction = p.friction + robot.drive_kind.back_emf(p)
     damping, gap, loss = (
         getattr(p, EXTRAS[name]) if name in extras else 0.0
         for name in ("joint_damping", "backlash", "coulomb_friction")
     )
     inertia, drives = p.motor_inertia, ""
-    if robot.drive in INNER:
+    if robot.drive_kind.inner:
         heavier = 1.0 / np.maximum(p.load_share, REJECTED)
         inertia, gains = (
             heavier * inertia,
-            (heavier * torque_per_input(robot.drive, p), heavier * p.drive_damping),
+            (heavier * robot.drive_kind.torque_per_input(p), heavier * p.drive_damping),
         )
         largest = largest_drive_torques(p, n) if "drive_torque_limit" in extras else np.inf
         own_loops = _actuators(
@@ -365,12 +364,11 @@ def _actuators(
 ) -> str:
     """XML of the drives' own loops, with their largest torques; the motor of a rigid joint is the joint of its link."""
     names = [links[i] if i in robot.layout.rigid else motors[i] for i in range(len(links))]
-    own = 'position joint={} kp="{}" kv="{}"' if robot.drive == "position" else 'velocity joint={} kv="{}"'
     limits = [
         f' forcerange="{_row([-most, most])}"' if np.isfinite(most) else "" for most in largest.tolist()
     ]
     return "".join(
-        f"<{own.format(quoteattr(n), _n(k), _n(d))}{limit}/>"
+        f"<{robot.drive_kind.actuator.format(quoteattr(n), _n(k), _n(d))}{limit}/>"
         for n, k, d, limit in zip(names, gain, damping, limits)
     )
 

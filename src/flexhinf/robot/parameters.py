@@ -36,16 +36,30 @@ else:
 
 
 class Quantity(NamedTuple):
-    """Unit of a number of a joint that turns, of one that slides, and its sign: "positive", "not negative" or "any"."""
+    """A number of a robot, as its file has it.
+
+    `unit`, `sliding_unit`: of a joint that turns and of one that slides. `sign`: "positive", "not negative" or "any".
+    `default`: what a joint has that does not state it, where that is a number of the plant. `also`: what other programs
+    and data sheets call it. `of_spring`: whether it stands in the table of a spring, which a rigid joint has not.
+    `shared`: whether a table [tolerances] may state its tolerance.
+    """
 
     unit: str
     sliding_unit: str
     sign: str = "any"
+    default: float | None = None
+    also: str = ""
+    of_spring: bool = False
+    shared: bool = True
 
+
+#: Stands for the torque of a motor that has no limit within its drive, N·m: parameters are finite.
+UNLIMITED = 1e9
 
 #: Components of a centre of mass and of an inertia, in the order of their arrays.
 VECTOR, INERTIA = ("x", "y", "z"), ("xx", "xy", "xz", "yy", "yz", "zz")
 
+#: All numbers of robots, each stated once; those of joints are keys of their tables in a robot file, in this order.
 QUANTITIES: dict[str, Quantity] = {
     "gravity": Quantity("m/s²", "m/s²", "not negative"),  # its size; "down" is its direction
     # links
@@ -60,44 +74,86 @@ QUANTITIES: dict[str, Quantity] = {
     **{f"payload_centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
     **{f"payload_inertia_per_mass_{axes}": Quantity("m²", "m²") for axes in INERTIA},
     # joints, seen from the link
-    "stiffness": Quantity("N·m/rad", "N/m", "positive"),
-    "motor_inertia": Quantity("kg·m²", "kg", "positive"),
-    "friction": Quantity("N·m·s/rad", "N·s/m", "not negative"),
+    "stiffness": Quantity(
+        "N·m/rad",
+        "N/m",
+        "positive",
+        also="spring_constant spring_stiffness spring_rate joint_stiffness torsional_stiffness k",
+        of_spring=True,
+    ),
+    "first_stiffness": Quantity(
+        "N·m/rad", "N/m", "positive", also="k1 k_1 stiffness_1 stiffness_k1", of_spring=True
+    ),
+    "second_stiffness": Quantity(
+        "N·m/rad", "N/m", "positive", also="k2 k_2 stiffness_2 stiffness_k2", of_spring=True
+    ),
+    "third_stiffness": Quantity(
+        "N·m/rad", "N/m", "positive", also="k3 k_3 stiffness_3 stiffness_k3", of_spring=True
+    ),
+    "first_torque": Quantity(
+        "N·m", "N", "not negative", also="t1 t_1 torque_1 limit_torque_1", of_spring=True
+    ),
+    "second_torque": Quantity(
+        "N·m", "N", "not negative", also="t2 t_2 torque_2 limit_torque_2", of_spring=True
+    ),
+    "motor_inertia": Quantity("kg·m²", "kg", "positive", also="armature reflected_inertia inertia"),
+    "friction": Quantity(
+        "N·m·s/rad",
+        "N·s/m",
+        "not negative",
+        also="viscous_friction viscous_damping viscous motor_friction motor_damping damping",
+    ),
     # motors
-    "rotor_inertia": Quantity("kg·m²", "kg·m²", "positive"),
-    "hub_inertia": Quantity("kg·m²", "kg", "not negative"),
-    "gear_ratio": Quantity("1", "rad/m", "positive"),
-    "gear_efficiency": Quantity("1", "1", "positive"),
+    "rotor_inertia": Quantity("kg·m²", "kg·m²", "positive", shared=False),
+    "hub_inertia": Quantity("kg·m²", "kg", "not negative", shared=False),
+    "gear_ratio": Quantity(
+        "1",
+        "rad/m",
+        "positive",
+        also="reduction ratio gearing gear_reduction reduction_ratio transmission_ratio",
+        shared=False,
+    ),
+    "gear_efficiency": Quantity("1", "1", "positive", also="efficiency"),
     "motor_efficiency": Quantity("1", "1", "positive"),
-    "resistance": Quantity("Ω", "Ω", "positive"),
-    "inductance": Quantity("H", "H", "positive"),
-    "torque_constant": Quantity("N·m/A", "N/A"),
-    "back_emf_constant": Quantity("V·s/rad", "V·s/m"),
+    "resistance": Quantity(
+        "Ω", "Ω", "positive", also="armature_resistance winding_resistance coil_resistance r"
+    ),
+    "inductance": Quantity("H", "H", "positive", also="armature_inductance winding_inductance l"),
+    "torque_constant": Quantity("N·m/A", "N/A", also="kt k_t motor_constant"),
+    "back_emf_constant": Quantity("V·s/rad", "V·s/m", also="ke k_e kb back_emf emf_constant"),
     # the inner loop of a drive that takes velocities or positions, seen from the link
     "drive_bandwidth": Quantity("rad/s", "rad/s", "positive"),
     "drive_damping_ratio": Quantity("1", "1", "positive"),
     "drive_stiffness": Quantity("N·m/rad", "N/m", "positive"),
     "drive_damping": Quantity("N·m·s/rad", "N·s/m", "positive"),
     "load_share": Quantity("1", "1", "not negative"),
-    "drive_torque_limit": Quantity("N·m", "N", "positive"),
     # what a real joint adds
-    "damping": Quantity("N·m·s/rad", "N·s/m", "not negative"),
-    "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative"),
-    "first_stiffness": Quantity("N·m/rad", "N/m", "positive"),
-    "second_stiffness": Quantity("N·m/rad", "N/m", "positive"),
-    "third_stiffness": Quantity("N·m/rad", "N/m", "positive"),
-    "first_torque": Quantity("N·m", "N", "not negative"),
-    "second_torque": Quantity("N·m", "N", "not negative"),
-    "kinematic_error": Quantity("rad", "m", "not negative"),
-    "kinematic_error_phase": Quantity("rad", "rad"),
-    "torque_ripple": Quantity("N·m", "N", "not negative"),
-    "torque_ripple_phase": Quantity("rad", "rad"),
-    "backlash": Quantity("rad", "m", "not negative"),
-    "coulomb_friction": Quantity("N·m", "N", "not negative"),
-    "static_friction": Quantity("N·m", "N", "not negative"),
-    "load_friction": Quantity("1", "1", "not negative"),
-    "stribeck_velocity": Quantity("rad/s", "m/s", "positive"),
-    "friction_smoothing": Quantity("rad/s", "m/s", "positive"),
+    "damping": Quantity(
+        "N·m·s/rad",
+        "N·s/m",
+        "not negative",
+        default=0.0,
+        also="spring_damping joint_damping damping_coefficient",
+        of_spring=True,
+    ),
+    "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative", default=0.0, of_spring=True),
+    "backlash": Quantity("rad", "m", "not negative", default=0.0, of_spring=True),
+    "coulomb_friction": Quantity(
+        "N·m",
+        "N",
+        "not negative",
+        default=0.0,
+        also="dry_friction friction_torque frictionloss friction_loss stiction breakaway_torque",
+    ),
+    "static_friction": Quantity("N·m", "N", "not negative", default=0.0),
+    "stribeck_velocity": Quantity("rad/s", "m/s", "positive", default=0.1),
+    "friction_smoothing": Quantity("rad/s", "m/s", "positive", default=0.01, shared=False),
+    "kinematic_error": Quantity("rad", "m", "not negative", default=0.0, of_spring=True),
+    "kinematic_error_phase": Quantity("rad", "rad", default=0.0, of_spring=True),
+    "torque_ripple": Quantity("N·m", "N", "not negative", default=0.0),
+    "torque_ripple_phase": Quantity("rad", "rad", default=0.0),
+    "load_friction": Quantity("1", "1", "not negative", default=0.0),
+    "drive_torque_limit": Quantity("N·m", "N", "positive", default=UNLIMITED),
 }
 
 

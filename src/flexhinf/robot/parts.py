@@ -13,8 +13,9 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.drive_limits import OF_COMMANDS
+from flexhinf.robot.drives import DRIVES, POSITION, DriveKind
 from flexhinf.robot.dynamics import Joint, Tree, matrix_of
-from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING, TEETH
+from flexhinf.robot.elastic import SPRING, TEETH
 from flexhinf.robot.gears import CURVE, SECANT, SECOND_CORNER, secant
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
@@ -35,6 +36,9 @@ INNER_NUMBERS = (
     "drive_period",
 )
 TIMES = ("drive_delay", "drive_period")
+
+#: Examples of a loop's numbers, for errors.
+LOOP_EXAMPLES = {"drive_bandwidth": "'20 Hz'", "drive_damping_ratio": "0.9"}
 
 #: What a motor states beside the parameters of a robot.
 BESIDE = ("drive", *TIMES, *OF_COMMANDS[1:])
@@ -126,8 +130,8 @@ class ElasticJoint:
     damping, spring_hardening, backlash, coulomb_friction, load_friction : number, optional
     static_friction, stribeck_velocity, friction_smoothing : number, optional
         What a real joint adds, see `flexhinf.robot.elastic`.
-    drive : {"torque", "current", "voltage", "velocity", "position"}, optional
-        What the input is; by default what the constants of the motor say.
+    drive : str, optional
+        What the input is, by the name of a kind in `flexhinf.robot.drives`; by default what the motor's constants say.
     drive_bandwidth, drive_damping_ratio : number, optional
         Of a drive with an inner loop, which takes velocities or positions: ω of ω/(s + ω), or ω and ζ of
         ω²/(s² + 2ζωs + ω²), rad/s.
@@ -223,17 +227,18 @@ class ElasticJoint:
             "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
             "add it to motor_inertia",
         )
-        stated = tuple(name for name in CONSTANTS["voltage"] if getattr(self, name) is not None)
+        motors = [kind for kind in DRIVES.values() if not kind.inner]
+        known = dict.fromkeys(name for kind in motors for name in kind.constants)
+        stated = tuple(name for name in known if getattr(self, name) is not None)
         refuse_if(
-            stated not in CONSTANTS.values(),
+            stated not in [kind.constants for kind in motors],
             "A motor is stated in part.",
-            "expected resistance, torque_constant and back_emf_constant (voltage driven), torque_constant alone "
-            f"(current driven) or none (torque driven), got {list(stated)}",
+            f"expected {_by_constants(motors)}, got {list(stated)}",
             "the missing numbers from its data sheet",
         )
         self._check_drive(stated)
         refuse_if(
-            self.inductance is not None and self.drive in ("current", *INNER),
+            self.inductance is not None and not DRIVES[self.drive].coil,
             f"A motor whose input is its {self.drive} has no use for an inductance.",
             f"expected none, got {0.0 if self.inductance is None else value_of(self.inductance):g} H",
             "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
@@ -324,33 +329,38 @@ class ElasticJoint:
     def _check_drive(self, constants: tuple[str, ...]) -> None:
         """Take the drive that the motor's constants say where none is stated; refuse one that its numbers
         contradict."""
-        by_constants = next(drive for drive, names in CONSTANTS.items() if names == constants)
+        by_constants = next(drive for drive, kind in DRIVES.items() if kind.constants == constants)
         if not self.drive:
             object.__setattr__(self, "drive", by_constants)
-        one_of("The motor is driven in an unknown way.", self.drive, DRIVES, "'position'")
-        drive, own = self.drive, INNER.get(self.drive, ((), ()))
+        one_of("The motor is driven in an unknown way.", self.drive, DRIVES, repr(POSITION.name))
+        drive, kind = self.drive, DRIVES[self.drive]
         refuse_if(
-            CONSTANTS[drive] != constants,
+            kind.constants != constants,
             f"The drive {drive!r} contradicts the constants of its motor.",
-            f"expected {' and '.join(CONSTANTS[drive]) or 'none'} beside drive = {drive!r}, got {list(constants)}",
-            f"drive = {by_constants!r}; or {'these constants alone' if CONSTANTS[drive] else 'leave them out'}",
+            f"expected {' and '.join(kind.constants) or 'none'} beside drive = {drive!r}, got {list(constants)}",
+            f"drive = {by_constants!r}; or {'these constants alone' if kind.constants else 'leave them out'}",
         )
         stated = [name for name in INNER_NUMBERS if getattr(self, name) not in (None, 0.0)]
+        inner = [kind for kind in DRIVES.values() if kind.inner]
         refuse_if(
-            stated and not own[0],
+            stated and not kind.inner,
             f"A drive that takes a {drive} has no inner loop.",
-            f"expected drive = 'velocity' or 'position' beside {stated}, got {drive!r}",
-            "drive = 'position' in [joint.motor]; or leave these numbers out",
+            f"expected drive = {' or '.join(repr(each.name) for each in inner)} beside {stated}, got {drive!r}",
+            f"drive = {POSITION.name!r} in [joint.motor]; or leave these numbers out",
         )
-        if not own[0]:
-            return
-        loops = [name for name in stated if name in (*own[0], *INNER["position"][0])]
-        gains = [name for name in stated if name in INNER["position"][1]]
+        if kind.inner:
+            self._check_loop(kind, stated, inner)
+
+    def _check_loop(self, kind: DriveKind, stated: list[str], others: list[DriveKind]) -> None:
+        """Refuse numbers of a drive's loop that it does not have, or that say no loop; `others` are all with loops."""
+        loops = [name for name in stated if any(name in each.loop for each in others)]
+        gains = [name for name in stated if any(name in each.gains for each in others)]
+        examples = [f"{name} = {LOOP_EXAMPLES.get(name, '…')}" for name in kind.loop]
         refuse_if(
-            (tuple(loops), tuple(gains)) not in ((own[0], ()), ((), own[1])),
-            f"The inner loop of a {drive} drive is not stated once.",
-            f"expected {' and '.join(own[0])}, or its gains {' and '.join(own[1])}, got {loops + gains}",
-            f"{own[0][0]} = '20 Hz' in [joint.motor]" + ", drive_damping_ratio = 0.9" * (drive == "position"),
+            (tuple(loops), tuple(gains)) not in ((kind.loop, ()), ((), kind.gains)),
+            f"The inner loop of a {kind.name} drive is not stated once.",
+            f"expected {' and '.join(kind.loop)}, or its gains {' and '.join(kind.gains)}, got {loops + gains}",
+            ", ".join([*(f"{example} in [joint.motor]" for example in examples[:1]), *examples[1:]]),
         )
         share = 1.0 if self.load_share is None else value_of(self.load_share)
         refuse_if(
@@ -373,6 +383,16 @@ class ElasticJoint:
                 f"expected seconds, zero or more, got {time!r}",
                 f"{name} = '4 ms'",
             )
+
+
+def _by_constants(motors: Sequence[DriveKind]) -> str:
+    """The constants that a motor may state, with what they say of its input."""
+    *most, last = (
+        f"{' and '.join(', '.join(kind.constants).rsplit(', ', 1)) or 'none'}{' alone' * (len(kind.constants) == 1)} "
+        f"({kind.name} driven)"
+        for kind in motors
+    )
+    return f"{', '.join(most)} or {last}"
 
 
 def driven(elastic: Sequence[ElasticJoint]) -> dict[str, Any]:

@@ -15,10 +15,11 @@ from flexhinf.arrays import Elements, Number, Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Pictured, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant, StateWeights
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.plant.parameters import ParameterValues
 from flexhinf.robot.arm import Arm, Links, Pendulum
+from flexhinf.robot.drives import DRIVES, VOLTAGE, DriveKind
 from flexhinf.robot.elastic import (
-    DRIVES,
     DRY,
     EXTRAS,
     ORDERS,
@@ -51,8 +52,6 @@ from flexhinf.robot.poses import checked_home, checked_pose
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
     MECHANICAL,
-    SENSORS,
-    TWISTS,
     UNITS,
     Sensors,
     expanded,
@@ -85,9 +84,8 @@ class Robot(Pictured):
         The robot's own penalty, used by `problem`.
     links : Links
         A single link in closed form, or an `Arm`.
-    drive : {"voltage", "current", "torque", "velocity", "position"}
-        What the inputs are: motor voltages (V), motor currents (A), torques on the link side (N·m, N), or commands of
-        an inner loop, of motor velocities (rad/s, m/s) or positions (rad, m) on the link side.
+    drive : str
+        What the inputs are, on the link side: the name of a kind in `flexhinf.robot.drives`, which has their unit.
     drive_delay, drive_period : float
         Longest time from a command to a drive's loop, and between two commands that it takes, s.
     home : (n,), optional
@@ -99,8 +97,7 @@ class Robot(Pictured):
     command_rates, command_accelerations : (m,), optional
         Largest absolute rate and acceleration of each input, in the unit of `drive` per s and per s²; as above.
     rigid : sequence of str, optional
-        Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
-        least is elastic.
+        Names of joints without a spring, whose rotor turns with the link. One joint at least is elastic.
     coupling : (n, n), optional
         T of θ = T q, where motors move more than their own joints; see `flexhinf.robot.layout`.
     brakes : (n,) bool, optional
@@ -110,8 +107,7 @@ class Robot(Pictured):
     file, reader : Path and function, optional
         The robot file that it was read from, and how: the robot of a path, read in the same way.
 
-    Raises InvalidInput: if the parameters are not those of the model, the home pose is outside the limits, or a
-    limit is not positive.
+    Raises InvalidInput: for parameters of another model, a home pose outside the limits, a limit that is not positive.
 
     Examples
     --------
@@ -126,7 +122,7 @@ class Robot(Pictured):
     parameters: tuple[Parameter, ...]
     penalty: Penalty | None = None
     links: Links = field(default_factory=Pendulum)
-    drive: str = "voltage"
+    drive: str = VOLTAGE.name
     home: Sequence[float] | None = None
     description: str = ""
     effort_limits: Sequence[float | None] | None = None
@@ -149,14 +145,9 @@ class Robot(Pictured):
         checked_kind(what, some, (list, tuple), "Parameters in a tuple", "robot.parameters of another robot")
         for parameter in some:
             checked_kind(what, parameter, Parameter, "a Parameter each", "flexhinf.Parameter('mass', 0.2)")
-        checked_kind(
-            f"The links of the robot {self.name!r} are none.",
-            self.links,
-            (Pendulum, Arm),
-            "a Pendulum or an Arm",
-            "links of another robot",
-        )
-        checked_kind(f"The drive of {self.name!r} is no name.", self.drive, str, "text", "'voltage'")
+        none = f"The links of the robot {self.name!r} are none."
+        checked_kind(none, self.links, (Pendulum, Arm), "a Pendulum or an Arm", "links of another robot")
+        checked_kind(f"The drive of {self.name!r} is no name.", self.drive, str, "text", repr(VOLTAGE.name))
         checked_names("The rigid joints", self.rigid)
         object.__setattr__(self, "parameters", tuple(some))
         refuse_if(
@@ -247,6 +238,11 @@ class Robot(Pictured):
                 found[spring.joint] = Parameter(name, spring.time * self.nominal[stiffness], unit=unit)
         return found
 
+    @property
+    def drive_kind(self) -> DriveKind:
+        """The kind of drive that is called `drive`."""
+        return DRIVES[self.drive]
+
     @cached_property
     def damped(self) -> Robot:
         """The same robot with `assumed_damping`; the robot itself where its springs state theirs."""
@@ -257,8 +253,9 @@ class Robot(Pictured):
         lost = (*SPRING, "load_friction")  # no spring says what the load is
         springs = {per_joint(name, joint, len(self.joint_names)) for name in lost for joint in joints}
         kept = tuple(parameter for parameter in self.parameters if parameter.name not in springs)
-        twists = {per_joint(name, joint, len(self.joint_names)) for name in TWISTS for joint in joints}
-        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in twists)
+        twists = [name for name, kind in SENSORS.items() if kind.of_springs]
+        gone = {per_joint(name, joint, len(self.joint_names)) for name in twists for joint in joints}
+        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in gone)
         return replace(self, parameters=kept, rigid=(*self.rigid, *joints), sensors=sensors)
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
@@ -302,8 +299,8 @@ class Robot(Pictured):
         Parameters
         ----------
         measured : sequence of str
-            Measured signals: link_position, motor_position, joint_torque, deflection (motor minus link),
-            link_velocity, motor_velocity, of all joints or of single ones (``motor_position_elbow``), in any mix.
+            Measured signals, by the names of kinds in `flexhinf.plant.instruments` (link_position, motor_position and
+            others), of all joints or of single ones (``motor_position_elbow``), in any mix.
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
@@ -331,7 +328,7 @@ class Robot(Pictured):
             ElasticFlow(self.links, self.drive, on, self.layout),
             Sensors(sensors, joints, on, self.layout),
             states=[name for quantity in quantities for name in signal_names(quantity, joints, self.rigid)],
-            inputs=signal_names(DRIVES[self.drive], joints),
+            inputs=signal_names(self.drive_kind.quantity, joints),
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
             parameters=self.plant_parameters(),
             outputs=sensors,

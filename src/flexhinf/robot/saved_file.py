@@ -12,11 +12,11 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.robot.actuators import published_of
 from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.gears import CURVE, SECANT
 from flexhinf.robot.parameters import QUANTITIES, Parameter, payload_masses, per_joint
-from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
 
 #: A quantity's other key in the table of a link.
@@ -48,7 +48,7 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
             row.pop("spring", None)
             row.get("motor", {}).pop("load_friction", None)
             row["rigid"] = True
-            for sensor in [each for each in row.get("sensor", ()) if each["kind"] in TWISTS]:
+            for sensor in [each for each in row.get("sensor", ()) if SENSORS[each["kind"]].of_springs]:
                 row["sensor"].remove(sensor)
             for quantity in (*SPRING, "load_friction"):
                 before.pop(per_joint(quantity, str(row["name"]), len(robot.joint_names)), None)

@@ -18,6 +18,7 @@ import numpy as np
 
 from flexhinf.arrays import Matrix, Vector
 from flexhinf.errors import refuse_if
+from flexhinf.robot.drives import DRIVES, TORQUE
 
 if TYPE_CHECKING:
     from flexhinf.robot.layout import Layout
@@ -63,13 +64,13 @@ def _spring_matrices(
     p = vars(ParameterTable({name: np.zeros(shape) for name, shape in shapes}).named(np.array(vector)))
     stiffness = ca.DM(np.atleast_1d(p["stiffness"]))
     q, acceleration = ca.SX.sym("q", n), ca.SX.sym("a", n)
-    inverse = traced_inverse(InverseFlow(links, "torque", layout=layout), shapes)
+    inverse = traced_inverse(InverseFlow(links, TORQUE.name, layout=layout), shapes)
     state, _ = inverse(q, still, acceleration, still, still, ca.DM(vector))
     load = stiffness * (state[2 * n : 2 * n + len(elastic)] - (ca.DM(layout.matrix) @ q)[elastic])
     mass = ca.jacobian(load, acceleration) @ moved
     slope = ca.jacobian(ca.substitute(load, acceleration, still), q) @ moved
     softness = 1.0 / stiffness
-    if drive == "position":
+    if DRIVES[drive].takes_positions:
         yields = np.broadcast_to(np.divide(p["load_share"], p["drive_stiffness"]), n)
         softness = softness + ca.DM(yields[elastic])
     parts = [

@@ -8,64 +8,64 @@ Penalties on more than states: the torque of the springs and its rate, which see
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
 from flexhinf.arrays import Elements
 from flexhinf.errors import refuse_if
+from flexhinf.plant.instruments import SENSORS, sensor_of
 from flexhinf.plant.penalty import Penalty, check_weighted
+from flexhinf.robot.drives import input_units
 from flexhinf.robot.elastic import spring_torques
 from flexhinf.robot.layout import Layout
 from flexhinf.robot.parameters import parameter_units, per_joint
 from flexhinf.validation import checked_names, nearest
 
+#: Penalties on springs, which see the vibrations alone: their torque, and its rate.
+TORQUE, TORQUE_RATE = "joint_torque", "joint_torque_rate"
+
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
-#: What a sensor can measure. Motor signals are seen from the link: the motor's angle over the gear ratio.
-SENSORS = (*MECHANICAL, "joint_torque", "deflection")
 
-#: Sensors of what twists, which a rigid joint has not: the torque of its spring, and motor minus link.
-TWISTS = ("joint_torque", "deflection")
+class _Units(Mapping[str, tuple[str, str]]):
+    """Units of states, inputs, disturbances and sensors, by quantity, of the drives that are registered when it is
+    read."""
 
-#: Parts of the names of instruments, and the signal that each measures: a load cell in the drive sees its torque.
-INSTRUMENTS = {
-    "load": "joint_torque",
-    "cell": "joint_torque",
-    "strain": "joint_torque",
-    "force": "joint_torque",
-    "torque": "joint_torque",
-    "tacho": "motor_velocity",
-    "gyro": "link_velocity",
-    "resolver": "motor_position",
-    "encoder": "motor_position",
-}
+    @property
+    def _all(self) -> dict[str, tuple[str, str]]:
+        sensors = {kind.name: kind.units for kind in SENSORS.values()}
+        return {
+            **{quantity: sensors.pop(quantity) for quantity in MECHANICAL},
+            "coil_current": ("A", "A"),
+            **input_units(),
+            "link_torque": ("N·m", "N"),
+            "motor_torque": ("N·m", "N"),
+            **sensors,
+            TORQUE_RATE: ("N·m/s", "N/s"),
+        }
+
+    def __getitem__(self, quantity: str) -> tuple[str, str]:
+        return self._all[quantity]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all)
+
+    def __len__(self) -> int:
+        return len(self._all)
+
 
 #: Units for joints that turn and joints that slide.
-UNITS = {
-    "link_position": ("rad", "m"),
-    "link_velocity": ("rad/s", "m/s"),
-    "motor_position": ("rad", "m"),
-    "motor_velocity": ("rad/s", "m/s"),
-    "coil_current": ("A", "A"),
-    "motor_voltage": ("V", "V"),
-    "motor_current": ("A", "A"),
-    "drive_torque": ("N·m", "N"),
-    "velocity_command": ("rad/s", "m/s"),
-    "position_command": ("rad", "m"),
-    "link_torque": ("N·m", "N"),
-    "motor_torque": ("N·m", "N"),
-    "joint_torque": ("N·m", "N"),
-    "deflection": ("rad", "m"),
-    "joint_torque_rate": ("N·m/s", "N/s"),
-}
+UNITS: Mapping[str, tuple[str, str]] = _Units()
 
 
-#: Signals that a rigid joint has not: its motor is where its link is, and between them is nothing that twists.
-OF_SPRINGS = ("motor_position", "motor_velocity", *TWISTS, "joint_torque_rate")
+def _is_of_springs(quantity: str) -> bool:
+    """Whether a rigid joint has no such signal: its motor is where its link is, and nothing between them twists."""
+    return quantity == TORQUE_RATE or (quantity in SENSORS and SENSORS[quantity].side != "link")
 
 
 def signal_names(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
@@ -73,7 +73,7 @@ def signal_names(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()
     return tuple(
         per_joint(quantity, joint, len(joints))
         for joint in joints
-        if joint not in rigid or quantity not in OF_SPRINGS
+        if joint not in rigid or not _is_of_springs(quantity)
     )
 
 
@@ -92,19 +92,19 @@ def units_of(
 
 def expanded(
     names: str | Sequence[str],
-    quantities: Sequence[str],
+    quantities: Collection[str],
     joints: Sequence[str],
     rigid: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Names of single joints' signals from single and plain names, each once; a rigid joint has none of `TWISTS`."""
+    """Names of single joints' signals from single and plain names, each once; a rigid joint has none of springs."""
     requested = checked_names("The sensors", names)
     every = {
-        quantity: signal_names(quantity, joints, rigid if quantity in TWISTS else ())
+        quantity: signal_names(quantity, joints, rigid if SENSORS[quantity].of_springs else ())
         for quantity in quantities
     }
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
     unknown = [name for name in requested if name not in known]
-    one = per_joint(quantities[0], joints[-1], len(joints))
+    one = per_joint(next(iter(quantities)), joints[-1], len(joints))
     single = f", or one joint's, as {one!r}; the joints are {list(joints)}"
     refuse_if(
         unknown or not requested,
@@ -125,7 +125,7 @@ def expanded(
 
 
 def _of_joints(
-    names: Sequence[str], quantities: Sequence[str], joints: Sequence[str], known: Collection[str]
+    names: Sequence[str], quantities: Collection[str], joints: Sequence[str], known: Collection[str]
 ) -> str:
     """As an advice, the same sensors with the joints that are meant; "" where none is like a joint that is named."""
     meant = list[str]()
@@ -136,20 +136,23 @@ def _of_joints(
     return f"measured={tuple(dict.fromkeys(meant))}" if all(meant) and len(joints) > 1 else ""
 
 
-def _why(names: Sequence[str], quantities: Sequence[str], joints: Sequence[str]) -> str:
+def _why(names: Sequence[str], quantities: Collection[str], joints: Sequence[str]) -> str:
     """What makes the advice plausible: the only joint, or what a load cell measures."""
     if len(joints) == 1 and any(name.startswith(f"{quantity}_") for name in names for quantity in quantities):
         return f"; the only joint is {joints[0]!r}, and needs no name"
-    if any(part in name.lower() for name in names for part in ("load", "cell", "strain", "force")):
-        return "; a load cell or strain gauge in the drive measures joint_torque"
+    for kind in SENSORS.values():
+        parts = [part for part in kind.instruments if part not in kind.name]
+        if kind.instrument and any(part in name.lower() for name in names for part in parts):
+            return f"; {kind.instrument} measures {kind.name}"
     return ""
 
 
-def _of_all_joints(names: Sequence[str], quantities: Sequence[str]) -> str:
+def _of_all_joints(names: Sequence[str], quantities: Collection[str]) -> str:
     """As an advice, what wrong names are likely to mean, of all joints; with a position, which an estimator needs."""
+    instruments = {part: kind.name for kind in reversed([*SENSORS.values()]) for part in kind.instruments}
     meant = [
         next((quantity for quantity in quantities if word.startswith(quantity)), None)
-        or next((quantity for part, quantity in INSTRUMENTS.items() if part in word), None)
+        or next((quantity for part, quantity in instruments.items() if part in word), None)
         or nearest(word, quantities, "").strip("'")
         for word in " ".join(names).lower().split()
     ]
@@ -169,22 +172,57 @@ class Sensors:
 
     def __call__(self, x: Any, u: Any, p: Any) -> Elements:
         """The measured signals (p,) of any element; the motor of a rigid joint is where its link is."""
-        q, dq, theta, dtheta = self.layout.split(x)
-        columns = q, dq, self.layout.motors(q, theta), self.layout.motors(dq, dtheta)
-        signals = {
-            name: part[i]
-            for quantity, part in zip(MECHANICAL, columns)
-            for i, name in enumerate(signal_names(quantity, self.joints))
-        }
-        torques, twists = (
-            [signal_names(kind, self.joints)[i] for i in self.layout.elastic] for kind in TWISTS
-        )
-        if {*torques, *twists} & set(self.names):
-            q, dq = (self.layout.at_springs(links) for links in (q, dq))
-            ratio = self.layout.of_springs(p.gear_ratio) if "kinematic_error" in self.extras else None
-            signals |= dict(zip(torques, spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)[0]))
-            signals |= dict(zip(twists, theta - q))
+        signals, state = dict[str, Any](), _JointState(self.layout, self.extras, x, p)
+        for kind in dict.fromkeys(filter(None, map(sensor_of, self.names))):
+            names = [per_joint(kind.name, joint, len(self.joints)) for joint in self.joints]
+            seen = [names[i] for i in self.layout.elastic] if kind.of_springs else names
+            signals |= zip(seen, kind.measure(state))
         return np.array([signals[name] for name in self.names])
+
+
+@dataclass
+class _JointState:
+    """What sensors may see at a state, on any element; each is computed when a sensor sees it."""
+
+    layout: Layout
+    extras: tuple[str, ...]
+    x: Any
+    p: Any
+
+    @cached_property
+    def _parts(self) -> Any:
+        return self.layout.split(self.x)
+
+    @cached_property
+    def link_positions(self) -> Any:
+        return self._parts[0]
+
+    @cached_property
+    def link_velocities(self) -> Any:
+        return self._parts[1]
+
+    @cached_property
+    def motor_positions(self) -> Any:
+        return self.layout.motors(self._parts[0], self._parts[2])
+
+    @cached_property
+    def motor_velocities(self) -> Any:
+        return self.layout.motors(self._parts[1], self._parts[3])
+
+    @cached_property
+    def twists(self) -> Any:
+        return self._parts[2] - self.layout.at_springs(self._parts[0])
+
+    @cached_property
+    def twist_rates(self) -> Any:
+        return self._parts[3] - self.layout.at_springs(self._parts[1])
+
+    @cached_property
+    def spring_torques(self) -> Any:
+        q, dq = (self.layout.at_springs(links) for links in self._parts[:2])
+        ratio = self.layout.of_springs(self.p.gear_ratio) if "kinematic_error" in self.extras else None
+        theta, dtheta = self._parts[2:]
+        return spring_torques(q, dq, theta, dtheta, self.p, self.extras, ratio)[0]
 
 
 @dataclass(frozen=True)
@@ -221,7 +259,7 @@ def robot_penalty(
     `states` include the integrals; the names of `groups`, which stand for all joints, an error lists first.
     """
     rigid = [joints[i] for i in layout.rigid]
-    named = [signal_names(quantity, joints, rigid) for quantity in ("joint_torque", "joint_torque_rate")]
+    named = [signal_names(quantity, joints, rigid) for quantity in (TORQUE, TORQUE_RATE)]
     weighted = penalty.states
     if not isinstance(weighted, Mapping):
         return penalty

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from flexhinf.robot.drive_text import LOOPS, DriveLines, drive_lines
+from types import SimpleNamespace
+
+from flexhinf.robot.drive_text import DriveLines, drive_lines
+from flexhinf.robot.drives import DRIVES, DriveKind
 from flexhinf.robot.estimates import estimated_joint
 from flexhinf.robot.parameters import ESTIMATE
 
@@ -11,6 +14,9 @@ LENGTH, MASS, TAPER = 0.4, 4.0, 0.8
 
 #: The motor of the template by what it is driven with: constants before the gear, which its input's limit is for.
 GEAR, TORQUE_CONSTANT, RESISTANCE = 100.0, 0.06, 1.2
+
+#: How much more voltage a winding needs that is hot, whose resistance is larger, with room for control.
+HOTTER = 1.5
 
 #: What the largest torque of the first joint is, N·m, and of each next one a part of it.
 EFFORT, PART = 80.0, 0.5
@@ -32,7 +38,7 @@ def template_text(joints: int, drive: str) -> str:
         moment = round(mass * length**2 / 12.0, 6)
         source = f'source = "{ESTIMATE}: template"'
         gap = f"\nxyz = [{LENGTH * TAPER ** (k - 1):.4g}, 0.0, 0.0]  # m" if k else ""
-        motor = _motor(drive, effort, source)
+        motor = _motor(DRIVES[drive], effort, source)
         ending = "".join(f"\n{line}" for line in motor.motor)
         lines.append(f"""
 [[joint]]
@@ -56,17 +62,21 @@ friction = {{ value = {guess.friction.value:g}, tolerance = 30, {source} }}  # N
     return "\n".join(lines) + "\n"
 
 
-def _motor(drive: str, effort: float, source: str) -> DriveLines:
+def _motor(drive: DriveKind, effort: float, source: str) -> DriveLines:
     """The largest command of a motor with a largest torque, N·m, and its constants or its loop."""
-    constant = TORQUE_CONSTANT * GEAR
-    by_current = f"torque_constant = {{ value = {constant:g}, {source} }}  # N·m/A at the link"
-    if drive in LOOPS:
+    if drive.inner:
         return drive_lines(drive, RANGE, SPEED, False)
-    if drive == "current":
-        return DriveLines(f"effort_limit = {effort / constant:.3g}  # A", (by_current,))
-    if drive == "voltage":
-        most = 1.5 * RESISTANCE * effort / constant + SPEED * constant
-        resistance = f"resistance = {{ value = {RESISTANCE}, {source} }}  # Ω"
-        back_emf = f"back_emf_constant = {{ value = {constant:g}, {source} }}  # V·s/rad at the link"
-        return DriveLines(f"effort_limit = {most:.3g}  # V", (resistance, by_current, back_emf))
-    return DriveLines(f"effort_limit = {effort:.3g}  # N·m", ())
+    constant = TORQUE_CONSTANT * GEAR
+    numbers = {
+        "resistance": (RESISTANCE, "Ω"),
+        "torque_constant": (constant, "N·m/A at the link"),
+        "back_emf_constant": (constant, "V·s/rad at the link"),
+    }
+    p = SimpleNamespace(**{name: number for name, (number, _) in numbers.items()})
+    room = HOTTER if "resistance" in drive.constants else 1.0
+    most = float(drive.input_for(room * effort, 0.0, SPEED, p))
+    lines = [(name, *numbers[name]) for name in drive.constants]
+    return DriveLines(
+        f"effort_limit = {most:.3g}  # {drive.units[0]}",
+        tuple(f"{name} = {{ value = {number:g}, {source} }}  # {unit}" for name, number, unit in lines),
+    )

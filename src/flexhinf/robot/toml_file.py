@@ -11,8 +11,8 @@ from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.drive_limits import OF_COMMANDS, per_second
+from flexhinf.robot.drives import DRIVES
 from flexhinf.robot.dynamics import ZERO, Joint, Placement, Tree
-from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.faults import collects_faults, refuse_part
 from flexhinf.robot.file_keys import (
     NESTING,
@@ -44,7 +44,6 @@ from flexhinf.robot.parts import (
 )
 from flexhinf.robot.rigid_arm import GRAVITY, MOST_JOINTS, RigidArm, check_count, check_turns, selection
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.signals import UNITS
 from flexhinf.robot.urdf import read_urdf
 from flexhinf.validation import distinct, read_toml, read_xml, unknown_name, value_text
 
@@ -156,7 +155,7 @@ class RobotFile:
                 name = self.data["joint"][place[1]].get("name")
                 kinds = {slides[name]} if name in slides else set[bool]()
             order = next((k for k, name in enumerate(OF_COMMANDS) if name in place), None)
-            own = UNITS[DRIVES[robot.drive]]
+            own = robot.drive_kind.units
             choices = units if order is None else [per_second(unit, order) for unit in own]
             fitting = sorted({choices[kind if len(choices) > 1 else 0] for kind in kinds})
             if fitting and number.si not in fitting:
@@ -271,7 +270,7 @@ class RobotFile:
             ]
             links.append(Link(numbers[0], numbers[1:4], numbers[4:]))
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
-        efforts = arm.efforts if springs[0].drive == "torque" else None
+        efforts = arm.efforts if DRIVES[springs[0].drive].takes_torques else None
         settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
         with located(file):
             robot = assembled(self.name, placed, links, springs, **settings)
@@ -286,6 +285,7 @@ class RobotFile:
         speeds: Sequence[float] | None = None,
     ) -> dict[str, Any]:
         table, nothing = self.root, [None] * len(rows)
+        known = {"effort_limit": efforts, "speed_limit": speeds}  # of a description, where no row states it
         settings = {key: table.get(key) for key in ("home", "description")}
         if "penalty" in table:
             settings["penalty"] = Penalty(table["penalty"]["weights"], effort=table["penalty"]["effort"])
@@ -296,9 +296,11 @@ class RobotFile:
             settings["coupling"] = coupling_rows(coupled, [row["name"] for row in rows])
         return settings | {
             "gravity": self._number(table["gravity"], "gravity") if "gravity" in table else fall,
-            "effort_limits": [row.get("effort_limit", other) for row, other in zip(rows, efforts or nothing)],
-            "speed_limits": [row.get("speed_limit", other) for row, other in zip(rows, speeds or nothing)],
-            "brakes": [row["brakes"] for row in rows],
+            **{
+                key.field: [row.get(name, other) for row, other in zip(rows, known.get(name) or nothing)]
+                for name, key in TABLES["joint"].items()
+                if key.field
+            },
         }
 
     def _finished(
