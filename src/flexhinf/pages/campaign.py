@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable, Sequence
 from itertools import islice
 
@@ -22,80 +21,75 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
-from flexhinf.design.campaign_folder import (
+from flexhinf.designs.campaign_folder import (
     GainResults,
     stored_campaign,
     stored_gains,
     stored_request,
     verdict_of,
 )
-from flexhinf.design.workspace.preset import PROVED_PART
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Trajectory
 from flexhinf.numerals import number, short_numbers
 from flexhinf.pages.arm_film import two_arms
-from flexhinf.pages.campaign_numbers import (
+from flexhinf.pages.campaign_text import (
     METRIC_LABELS,
     NO_LIMIT,
-    column_scale,
-    display_scale,
-    in_degrees,
-    interval_text,
-    limit_text,
-    metric_text,
-    own_value_text,
-    percent_text,
-    setting_rows,
-    unlike_parts,
-    value_in,
-    value_text,
-)
-from flexhinf.pages.campaign_parts import (
     SPREAD,
     by_effect,
     campaign_design,
     campaign_verdict,
-    few_ticks,
+    column_scale,
+    display_scale,
     gain_changes,
     histogram,
+    in_degrees,
+    interval_text,
+    limit_text,
+    metric_text,
     missed_by,
+    own_value_text,
     percent_change,
+    percent_text,
     plant_text,
+    proof_text,
     replay_command,
     sample_changes,
+    setting_rows,
     share_text,
-    small_panels,
     square_text,
+    unlike_parts,
     unstable_text,
+    value_in,
+    value_text,
     worst_text,
-    write_page,
 )
 from flexhinf.pages.drawing import (
     DASHED,
     Line,
     Panel,
     draw_figure,
+    few_ticks,
     figure_block,
-    first_screen,
     legend_above,
     rounded,
+    small_panels,
 )
-from flexhinf.pages.page import design_statuses
+from flexhinf.pages.page import design_statuses, write_page
 from flexhinf.report import (
     INK,
     SERIES,
     Badge,
-    KeyNumber,
+    Column,
+    Fact,
+    Figure,
     LineStyle,
     Listing,
     Note,
     Page,
     PageBlock,
     Paragraph,
-    Provenance,
     Section,
-    Setting,
-    Settings,
     Table,
     house_style,
     legend,
@@ -117,6 +111,15 @@ _BLACK: LineStyle = {"color": INK, "dashes": (5.0, 1.5), "linewidth": 1.1}
 _COLOURED = tuple(LineStyle(color=colour, linewidth=1.1) for colour in SERIES)
 
 
+#: What a section of a campaign has, of which nothing shows where its data are not there.
+Blocks = Sequence[PageBlock | None]
+
+#: Settings by the beginnings of their names, with the headings under which they stand.
+HEADS = {
+    "variable ": "Numbers that differ", "design ": "Design", "robot ": "Robot", "true robot ": "Robot", "": "Campaign",
+}  # fmt: skip
+
+
 # Page --------------------------------------------------------------------------------------------------------
 def write_campaign(
     table: MergedTable,
@@ -129,17 +132,6 @@ def write_campaign(
     """
     judged, journal = CampaignJudgement(table, tuple(requirements)), table.journal
     settings, cases, gains = journal.settings, stored_worsts(journal), stored_gains(journal)
-    with house_style():  # once for all figures
-        parts = (
-            Section("Success", _success(judged), "success"),
-            Section("Worst case", _worst_case(judged, cases, plant_run), "worst-case"),
-            Section("Worst disturbance", _worst_disturbance(judged, gains), "worst-disturbance"),
-            Section("Signals", [*_signals(judged), *_arms(judged)], "signals"),
-            Section("Metrics", _metrics(judged), "metrics"),
-            Section("What matters", _sensitivities(judged), "sensitivity"),
-            Section("Failures", _failures(judged), "failures"),
-        )
-    lead, sections = first_screen(parts, ("signals", "arms"), ("success", "worst-case"))
     runs = (
         "moves between random goals"
         if "goals" in settings
@@ -148,42 +140,56 @@ def write_campaign(
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f"Search: {worst_text(judged, case)}"
-    groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
-    heads = {
-        "variable ": "Numbers that differ",
-        "design ": "Design",
-        "robot ": "Robot",
-        "true robot ": "Robot",
-    }
-    for name, value, unit in setting_rows(judged):
-        head = next((head for head in heads if name.startswith(head)), "")
-        groups[heads.get(head, "Campaign")].append(
-            Setting(name if head == "true robot " else name.removeprefix(head), value, unit)
-        )
-    write_page(
-        journal.folder, "report of the campaign",
-        Page(
-            journal.about.get("title", "Campaign"),
-            f"{judged.count} {runs} with the same controller, each with its own measurement noise and with "
-            f"{len(table.names('parameter'))} numbers of its own{spread}.",
-            campaign_verdict(judged),
-            sections,
-            Settings({name: group for name, group in groups.items() if group}),
-            Provenance(shlex.join(journal.command), int(settings["seed"])), _key_numbers(judged),
-            _statuses(judged, cases, gains),
-            [text for text in (campaign_design(judged, brief=True), search, _proof_text(judged)) if text],
-            lead,
-        ),
-    )  # fmt: skip
+    sections = _sections(judged, cases, gains, plant_run)
+    page = Page(
+        journal.about.get("title", "Campaign"),
+        f"{judged.count} {runs} with the same controller, each with its own measurement noise and with "
+        f"{len(table.names('parameter'))} numbers of its own{spread}.",
+        campaign_verdict(judged),
+        sections,
+        journal.command,
+        int(settings["seed"]),
+        _settings(judged),
+        _facts(judged),
+        _statuses(judged, cases, gains),
+        [text for text in (campaign_design(judged, brief=True), search, proof_text(judged)) if text],
+        ("signals", "arms"),
+    )
+    write_page(journal.folder, "report of the campaign", page)
     return judged
 
 
-def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
+@house_style()
+def _sections(
+    judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults, plant_run: PlantRun | None
+) -> list[Section]:
+    return [
+        Section("Success", _success(judged), "success", True),
+        Section("Worst case", _worst_case(judged, cases, plant_run), "worst-case", True),
+        Section("Worst disturbance", _worst_disturbance(judged, gains), "worst-disturbance"),
+        Section("Signals", (_signals(judged), _arms(judged)), "signals"),
+        Section("Metrics", _metrics(judged), "metrics"),
+        Section("What matters", _sensitivities(judged), "sensitivity"),
+        Section("Failures", _failures(judged), "failures"),
+    ]
+
+
+def _settings(judged: CampaignJudgement) -> dict[str, list[Fact]]:
+    """The settings in groups, each name without the beginning that its group has."""
+    groups = {name: list[Fact]() for name in ("Campaign", "Numbers that differ", "Design", "Robot")}
+    for name, value, unit in setting_rows(judged):
+        head = next(head for head in HEADS if name.startswith(head))
+        own = name if head == "true robot " else name.removeprefix(head)
+        groups[HEADS[head]].append(Fact(own, value, unit))
+    return {name: group for name, group in groups.items() if group}
+
+
+def _facts(judged: CampaignJudgement) -> list[Fact]:
     unstable, sure = judged.of_status(UNSTABLE) + judged.of_status(DIVERGED), judged.success
     how = f"95 %: {interval_text(sure)}" if sure else f"no interval: spread {SPREAD[judged.method]}"
     numbers = [
-        KeyNumber("success", percent_text(judged.rate), note=how),
-        KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
+        Fact("success", percent_text(judged.rate), note=how),
+        Fact("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
     ]
     for name in [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]:
         worst = judged.worst(name)
@@ -192,7 +198,7 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
             size, unit = value_in(judged, name, float(largest))
             value = ("never", "") if np.isinf(largest) else (rounded(size), unit)
             note = f"median {own_value_text(judged, name, float(median))}; sample {worst}"
-            numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
+            numbers.append(Fact(f"worst {metric_text(name)}", *value, note))
     return numbers
 
 
@@ -224,23 +230,8 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
     ]
 
 
-def _proof_text(judged: CampaignJudgement) -> str:
-    """What is sampled, and what is proved, in a line."""
-    design = verdict_of(judged.table.journal)
-    sampled = f"Sampled: {judged.count} robots and their runs, none between."
-    if design is None:
-        return f"{sampled} Proved: nothing."
-    if PROVED_PART in design.names:
-        part = "not all" if any(text.startswith(PROVED_PART) for text in design.missed) else "all"
-        return (
-            f"{sampled} Proved: that small motions of the design about rest tolerate {part} errors of masses and "
-            "springs of its file, under the hypotheses of its report; nothing of the runs."
-        )
-    return f"{sampled} Proved: nothing of the runs. flexhinf certify DESIGN says what is proved of its controller."
-
-
 # Success and failures ----------------------------------------------------------------------------------------
-def _success(judged: CampaignJudgement) -> list[PageBlock]:
+def _success(judged: CampaignJudgement) -> Blocks:
     ends, limits = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN), judged.requirements
     kept = [
         ("reaches the end of the run", "", ends),
@@ -269,39 +260,47 @@ def _success(judged: CampaignJudgement) -> list[PageBlock]:
     ]
 
 
-def _failures(judged: CampaignJudgement) -> list[PageBlock]:
+def _failures(judged: CampaignJudgement) -> Blocks:
     replay, worst = replay_command(judged.table.journal.folder.name, "--sample"), judged.worst_of_all
     if not judged.failures:
         command = [] if worst is None else [Listing(f"{replay} {worst}")]
         again = " This command, in the folder above, runs the worst one again:" if command else ""
         return [Paragraph(f"No sample fails.{again}"), *command]
-    rows: list[Sequence[object]] = []
-    for k in map(int, judged.failed[:20]):
-        status = str(judged.column("status")[k])
-        reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
-        reasons += [
-            f"{metric_text(rule.metric)} "
-            f"{value_text(float(judged.column(rule.metric)[k]), judged.table.unit(rule.metric), in_degrees(judged))}"
-            for rule in judged.missed(k)
-        ]
-        if status == NOT_RUN:
-            reasons = [f"not run: {judged.column('failure')[k]}"]
-        if status == DIVERGED:
-            reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
-        rows.append((k, ", ".join(reasons), sample_changes(judged, k), f"`{replay} {k}`"))
-    few = f" Listed: the {len(rows)} worst; samples.parquet has all." if judged.failures > len(rows) else ""
+    columns = (
+        Column("sample", of=lambda k: k),
+        Column("why", of=lambda k: _why(judged, k)),
+        Column("its numbers", of=lambda k: sample_changes(judged, k)),
+        Column("replay", of=lambda k: f"`{replay} {k}`"),
+    )
+    listed = [*map(int, judged.failed[:20])]
+    few = (
+        f" Listed: the {len(listed)} worst; samples.parquet has all." if judged.failures > len(listed) else ""
+    )
     return [
         Paragraph(
             f"{judged.failures} samples fail. The last column runs one again, in the folder above.{few}"
         ),
-        Table(("sample", "why", "its numbers", "replay"), rows, "Failures", "table-failures", stacks=True),
+        Table.of(columns, listed, "Failures", "table-failures", stacks=True),
     ]
 
 
+def _why(judged: CampaignJudgement, sample: int) -> str:
+    """Why a sample fails."""
+    status, unit_of = str(judged.column("status")[sample]), judged.table.unit
+    if status == NOT_RUN:
+        return f"not run: {judged.column('failure')[sample]}"
+    if status == DIVERGED:
+        return f"diverged at {judged.column('diverged_at_s')[sample]:g} s"
+    missed = {rule.metric: float(judged.column(rule.metric)[sample]) for rule in judged.missed(sample)}
+    reasons = [
+        f"{metric_text(name)} {value_text(value, unit_of(name), in_degrees(judged))}"
+        for name, value in missed.items()
+    ]
+    return ", ".join(["unstable to the end of the run"] * (status == UNSTABLE) + reasons)
+
+
 # Worst robot and worst disturbance ---------------------------------------------------------------------------
-def _worst_case(
-    judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None
-) -> list[PageBlock]:
+def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None) -> Blocks:
     if not cases:
         return []
     rows, used = list[Sequence[object]](), list[float]()
@@ -340,7 +339,7 @@ def _worst_case(
                 "searches that end there",
             ), rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True,
         ),
-        *([] if runs is None else _worst_figure(judged, case, runs)),
+        None if runs is None else _worst_figure(judged, case, runs),
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
         Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
         Table(
@@ -359,13 +358,13 @@ def _worst_case(
     ]  # fmt: skip
 
 
-def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[PageBlock]:
+def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> Figure | None:
     # three runs with one noise: the tracked signal that differs most, its end, and such an input
     plants = {"worst found": case.found, f"sample {case.sample}": case.sampled, "nominal": case.nominal}
     trajectories = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
     names = [name.removeprefix(TRACE) for name in judged.table.names("trace")]
     if len(trajectories) < len(plants) or not names:
-        return []
+        return None
     worst, _, nominal = trajectories.values()
     signal = max(names, key=lambda name: float(np.abs(worst.tracked(name) - nominal.tracked(name)).max()))
     u = worst.names["input"][
@@ -382,7 +381,7 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
         tracked = scale * read(nominal)
         return Panel(name.replace("_", " "), unit, lines, y=_close(tracked[-1], tracked) if near else None)
 
-    return [draw_figure(
+    return draw_figure(
         "worst-case",
         [
             panel(signal, "state", lambda run: run.tracked(signal)),
@@ -392,7 +391,7 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
         f"The robot with the worst {metric_text(case.metric)} that was found, the worst sample and the nominal robot, "
         f"all with the noise of sample {case.sample}. Middle: {signal.replace('_', ' ')} close to where it ends.",
         "The worst run",
-    )]  # fmt: skip
+    )
 
 
 def _close(middle: float, values: np.ndarray) -> tuple[float, float]:
@@ -400,7 +399,7 @@ def _close(middle: float, values: np.ndarray) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[PageBlock]:
+def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> Blocks:
     if not gains.rows:
         return []
     worst = next((row for row in gains.rows if row.robot == "worst"), None)
@@ -442,13 +441,13 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Pa
 
 
 # Signals and metrics -----------------------------------------------------------------------------------------
-def _signals(judged: CampaignJudgement) -> list[PageBlock]:
+def _signals(judged: CampaignJudgement) -> Figure | None:
     # the kept signals, and the end of the one that differs most; the worst run is drawn apart
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
     ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)
     if not traces or not ended.any():
-        return []
+        return None
     time, worst = judged.table.journal.time, judged.worst_of_all
     lines: list[np.ndarray] = []  # of the worst sample: from the table, or run again
     if worst is not None and worst < len(ended):
@@ -484,14 +483,14 @@ def _signals(judged: CampaignJudgement) -> list[PageBlock]:
         else "",
         f"Bottom: {labels[-1][0]} close to where it ends.",
     ]
-    return [figure_block("signals", figure, caption, "Signals")]
+    return figure_block("signals", figure, caption, "Signals")
 
 
-def _arms(judged: CampaignJudgement) -> list[PageBlock]:
+def _arms(judged: CampaignJudgement) -> PageBlock | None:
     """The arm of the worst sample beside that of the middle one, in the same run."""
     worst = judged.worst_of_all
     if worst is None:
-        return []
+        return None
     values = judged.column(judged.main)
     middle = int(np.argsort(values)[len(values) // 2])
     try:
@@ -500,53 +499,54 @@ def _arms(judged: CampaignJudgement) -> list[PageBlock]:
             robot = stored_request(journal).request.robot
             runs = [campaign.replay(sample) for sample in (worst, middle)]
     except FlexhinfError as error:  # the page is of the samples all the same
-        return [Paragraph(f"The arm is not drawn. {error.what} {error.found}")]
+        return Paragraph(f"The arm is not drawn. {error.what} {error.found}")
     count, n = min(len(run.time) for run in runs), len(robot.joint_names)
     links = [np.asarray(run.signals["state"])[:count, :n] for run in runs]
     if middle == worst or count < 2 or not all(np.isfinite(each).all() for each in links):
-        return []
+        return None
     names = (f"sample {worst}, the worst", f"sample {middle}, the median")
     says = f"The links of the worst sample and of that with the median {metric_text(judged.main)}, in their runs."
-    figure = two_arms(
+    return two_arms(
         "arms", robot, runs[0].time[:count], list(zip(names, links, strict=True)), says, "The arms"
     )
-    return [] if figure is None else [figure]
 
 
-def _metrics(judged: CampaignJudgement) -> list[PageBlock]:
-    blocks = list[PageBlock]()
-    for kind, title, anchor in (
-        ("metric", "Metrics over all samples that have them", "table-metrics"),
-        (PART, "Joint by joint", "table-joints"),
-    ):
-        known = [name for name in judged.table.names(kind) if judged.worst(name) is not None]
-        names = [name for name in known if not unlike_parts(judged, name)]  # those stand joint by joint
-        scales = {name: column_scale(judged, name) for name in names}
-        table = Table(
-            ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst"),
-            [
-                (
-                    metric_text(name), scales[name][1],
-                    *(
-                        "never" if np.isinf(x) else number(scales[name][0] * float(x), 3)
-                        for x in judged.quantiles(name)
-                    ),
-                    judged.worst(name),
-                )
-                for name in names
-            ],
-            title, anchor, stacks=True,
-        )  # fmt: skip
-        columns = [part for name in known for part in unlike_parts(judged, name) or [name]]
-        blocks += [*(_histograms(judged, columns) if kind == "metric" else []), *([table] if names else [])]
-    return blocks
+def _metrics(judged: CampaignJudgement) -> Blocks:
+    whole, joints = (
+        [n for n in judged.table.names(kind) if judged.worst(n) is not None] for kind in ("metric", PART)
+    )
+    parts = [part for name in whole for part in unlike_parts(judged, name) or [name]]
+    return (
+        _histograms(judged, parts),
+        _metric_table(judged, whole, "Metrics over all samples that have them", "table-metrics"),
+        _metric_table(judged, joints, "Joint by joint", "table-joints"),
+    )
 
 
-def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[PageBlock]:
+def _metric_table(judged: CampaignJudgement, names: Sequence[str], title: str, anchor: str) -> Table | None:
+    rows: list[Sequence[object]] = []
+    for name in (name for name in names if not unlike_parts(judged, name)):  # those stand joint by joint
+        scale, unit = column_scale(judged, name)
+        sizes = ("never" if np.isinf(x) else number(scale * float(x), 3) for x in judged.quantiles(name))
+        rows.append((metric_text(name), unit, *sizes, judged.worst(name)))
+    heads = (
+        "",
+        "unit",
+        "least",
+        "5 % are below",
+        "median",
+        "95 % are below",
+        "largest",
+        "sample of the worst",
+    )
+    return Table(heads, rows, title, anchor, stacks=True) if rows else None
+
+
+def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> Figure | None:
     finite = {name: judged.column(name)[np.isfinite(judged.column(name))] for name in names}
     varied = {name: values for name, values in finite.items() if len(values) and np.ptp(values) > 0.0}
     if not varied:
-        return []
+        return None
     figure, axes = small_panels(len(varied), 1.9)
     for k, (axis, (name, raw)) in enumerate(zip(axes, varied.items())):
         factor, unit = column_scale(judged, name)
@@ -557,15 +557,15 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[PageBlo
             if rule.metric == name and rule.limit < NO_LIMIT and most > 0.5 * factor * abs(rule.limit):
                 axis.axvline(factor * rule.limit, color=INK, linewidth=1.0, dashes=DASHED)
     missing = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
-    return [figure_block(
+    return figure_block(
         "metrics", figure,
         "How many samples have which value; dashed: a limit that is near or exceeded. Values that are never reached "
         f"are left out.{f' {missing} samples without metrics are left out.' if missing else ''}",
         "Distribution of the metrics",
-    )]  # fmt: skip
+    )  # fmt: skip
 
 
-def _sensitivities(judged: CampaignJudgement) -> list[PageBlock]:
+def _sensitivities(judged: CampaignJudgement) -> Blocks:
     names = judged.table.names("metric")  # the use of a limit changes as the metric itself does
     names = tuple(name for name in names if name.removesuffix("_use") not in {*names} - {name})
     ranked = ((name, judged.sensitivity(name)) for name in names)

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import wrap
@@ -25,18 +24,18 @@ from flexhinf.certify.certificate import (
     verification_text,
 )
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, SurfaceSlice
-from flexhinf.design.certification import CertifiedDegree, Evidence
-from flexhinf.design.specification import Specification
-from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.designs.certification import CertifiedDegree, Evidence
+from flexhinf.designs.specification import Specification
+from flexhinf.designs.verdict import UNKNOWN, DesignVerdict
 from flexhinf.numerals import at_least, at_most, number, short_bounds
 from flexhinf.pages.design.region import rule_text
 from flexhinf.pages.drawing import (
     DASHED,
     Line,
     Panel,
+    display_scale,
     draw_figure,
     figure_block,
-    first_screen,
     law_name,
     reference_line,
     thin,
@@ -50,18 +49,15 @@ from flexhinf.report import (
     Badge,
     Bullets,
     Column,
+    Fact,
     Figure,
-    KeyNumber,
     LineStyle,
     Listing,
     Note,
     Page,
     PageBlock,
     Paragraph,
-    Provenance,
     Section,
-    Setting,
-    Settings,
     Table,
     house_style,
     legend,
@@ -93,7 +89,7 @@ def certificate_page(
 ) -> Page:
     """The page of a certificate, with the proofs of all degrees, the command that makes it again and the verdict on the
     design."""
-    claim = evidence.certificate
+    claim, degrees, missing = evidence.certificate, s.in_degrees, _missing_text(evidence.certificate)
     smaller = [
         Note(f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}.")
         for low, high in pairwise(laws)
@@ -104,52 +100,59 @@ def certificate_page(
     with house_style():  # once for all figures
         sections = [
             *_theorem(claim),
-            Section("Where steps may start", _starts(law, evidence, s.in_degrees), "starts"),
-            *([] if law.box else [Section("Where the level ends", _limit(evidence), "limit")]),
-            Section("Steps inside the region", _steps(law, evidence, s.in_degrees), "steps"),
-            Section("What disturbances may cost", _budget(evidence, s.in_degrees), "budget"),
-            Section("The gain from both sides", _gain(evidence, s.in_degrees), "gain"),
-            Section("The law of each degree", [*smaller, _degree_table(laws, s.in_degrees)], "degrees"),
-            Section(
-                "How to check it",
-                (
-                    Paragraph(
-                        "A second program, which shares no code with the search, proves the certificate's file again "
-                        "and says what it proved and what not:"
-                    ),
-                    Listing("flexhinf certify --check certificate.json"),
-                    Paragraph(
-                        "It trusts a bound of its own rounding in doubles, but for a random sample of cells; with "
-                        "`--every-cell` it proves all of them in exact rationals and balls too (minutes for V of "
-                        "degree 2, hours for degree 6)."
-                    ),
-                ),
-                "check",
-            ),
+            Section("Where steps may start", _starts(law, evidence, degrees), "starts", True),
+            Section("Where the level ends", () if law.box else _limit(evidence), "limit"),
+            Section("Steps inside the region", _steps(law, evidence, degrees), "steps"),
+            Section("What disturbances may cost", _budget(evidence, degrees), "budget"),
+            Section("The gain from both sides", _gain(evidence, degrees), "gain"),
+            Section("The law of each degree", [*smaller, _degree_table(laws, degrees)], "degrees"),
+            Section("How to check it", CHECK, "check"),
         ]
-    missing = _missing_text(claim)
-    # Of the theorem, what is proved is open; the hypotheses and the equations are for those who check it.
-    lead, sections = first_screen(sections, ("starts", "worst"), ("proved", "starts"))
+    parameters = (
+        Fact(
+            p.name.replace("_", " "),
+            p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}",
+            p.unit,
+        )
+        for p in claim.parameters
+    )
+    settings = (
+        Fact("degree of V", claim.degree),
+        Fact("feedback", claim.feedback),
+        Fact("decay α", claim.decay, "1/s"),
+        Fact("reach in z", claim.reach),
+        Fact("latency covered", 0, "samples"),
+        *parameters,
+        *(Fact(name, value) for name, value in claim.provenance.items()),
+    )
+    proved = Badge("proved", f"{_parts_text(claim)}, by arithmetic that cannot round the wrong way.")
     return Page(
         f"Certificate: {claim.about.split(',')[0]}",
-        f"{claim.about}. {_whom_text(claim)}", _proved_text(claim, s.in_degrees), sections,
-        Settings({"Certificate": [
-            Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
-            Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
-            Setting("latency covered", 0, "samples"),
-            *(
-                Setting(
-                    p.name.replace("_", " "),
-                    p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
-                )
-                for p in claim.parameters
-            ),
-            *(Setting(name, value) for name, value in claim.provenance.items()),
-        ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim, s.in_degrees),
-        [Badge("proved", f"{_parts_text(claim)}, by arithmetic that cannot round the wrong way."),
-         *design_statuses(verdict)],
-        (f"The proof does not cover {missing[0].lower()}{missing[1:]}",), lead,
-    )  # fmt: skip
+        f"{claim.about}. {_whom_text(claim)}",
+        _proved_text(claim, degrees),
+        sections,
+        command,
+        s.seed,
+        {"Certificate": settings},
+        _facts(law, claim, degrees),
+        [proved, *design_statuses(verdict)],
+        (f"The proof does not cover {missing[0].lower()}{missing[1:]}",),
+        ("starts", "worst"),
+    )
+
+
+#: How a certificate's file is checked.
+CHECK = (
+    Paragraph(
+        "A second program, which shares no code with the search, proves the certificate's file again and says what it "
+        "proved and what not:"
+    ),
+    Listing("flexhinf certify --check certificate.json"),
+    Paragraph(
+        "It trusts a bound of its own rounding in doubles, but for a random sample of cells; with `--every-cell` it "
+        "proves all of them in exact rationals and balls too (minutes for V of degree 2, hours for degree 6)."
+    ),
+)
 
 
 def _whom_text(claim: Certificate) -> str:
@@ -179,14 +182,8 @@ def _missing_text(claim: Certificate) -> str:
 
 
 # Numbers --------------------------------------------------------------------------------------------------
-def _in(degrees: bool, unit: str) -> tuple[float, str]:
-    """Factor and unit in which numbers of a unit are shown, angles in `degrees` where the pages of the design are."""
-    angular = {"rad": "°", "rad·s": "°·s"}.get(unit, "") if degrees else ""
-    return (180.0 / np.pi, angular) if angular else (1.0, unit)
-
-
 def _position(claim: Certificate, degrees: bool) -> tuple[float, str]:
-    return _in(degrees, claim.states[0].unit)
+    return display_scale(claim.states[0].unit, degrees)
 
 
 def _angle(claim: Certificate, value: float, degrees: bool) -> str:
@@ -207,21 +204,21 @@ def _start_text(start: Start) -> str:
     }.get(start.rule, start.rule)
 
 
-def _numbers(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[KeyNumber]:
+def _facts(law: CertifiedDegree, claim: Certificate, degrees: bool) -> list[Fact]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
     ends = [(s, rule_text(s.rule), *_angle(claim, s.amplitude, degrees).partition(" ")) for s in claim.starts]
     return [
-        *(KeyNumber(f"largest proved step, {rule}", text, unit, _start_text(s)) for s, rule, text, _, unit in ends),
-        KeyNumber(
+        *(Fact(f"largest proved step, {rule}", text, unit, _start_text(s)) for s, rule, text, _, unit in ends),
+        Fact(
             "gain, proved", f"≤ {at_most(claim.gamma)}", "",
             "" if gain is None else f"attained by a disturbance: {at_least(gain)}",
         ),
-        KeyNumber(
+        Fact(
             "level of V", at_least(claim.level), "",
             "" if sampled is None else f"{100 * claim.level / sampled:.1f} % of the sampled one",
         ),
         *(
-            KeyNumber(
+            Fact(
                 f"{PEAKS.get(effort, 'peak input')}, simulated", number(float(step.peak_input.max()), 3), effort,
                 f"nominal robot, {rule_text(step.rule)}; not proved",
             )
@@ -261,7 +258,8 @@ def _theorem(claim: Certificate) -> list[Section]:
                 *(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))) for line in formulas),
             ]  # fmt: skip
         anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
-        sections.append(Section(title, blocks, anchor))
+        # Of the theorem, what is proved is open; the hypotheses and the equations are for those who check it.
+        sections.append(Section(title, blocks, anchor, anchor == "proved"))
     return sections
 
 
@@ -285,7 +283,7 @@ def _starts(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Pag
     if surface is None:
         return [Paragraph(f"{text}of each robot its own, without a jump of the input."), *blocks]
     integral = next(x.unit for x in claim.states if x.name.endswith("_integral"))
-    (up, height), lines = _in(degrees, integral), list[_Mark]()
+    (up, height), lines = display_scale(integral, degrees), list[_Mark]()
     for path, start, colour in zip(surface.paths, claim.starts, SERIES[2:]):
         name, (end, high) = f"starts: {rule_text(start.rule)}", path[-1]
         lines.append((scale * path[:, 0], up * path[:, 1], "-", {"color": colour}, name))
@@ -398,7 +396,7 @@ def _steps(law: CertifiedDegree, evidence: Evidence, degrees: bool) -> list[Page
     claim, solution, blocks = evidence.certificate, law.choice.solution, list[PageBlock]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim, degrees)
-    size, d_unit = _in(degrees, common_unit(claim.disturbances))
+    size, d_unit = display_scale(common_unit(claim.disturbances), degrees)
     kinds: tuple[Any, ...] = (
         (law.steps, "largest", "Largest steps", ("input", claim.inputs[0].unit),
          "The largest proved step for each start of the integrator, without disturbance."),
@@ -495,7 +493,7 @@ def _gain(evidence: Evidence, degrees: bool) -> list[PageBlock]:
     legend(axis)
     (scale, unit), run, few = _position(claim, degrees), attained.trajectory, thin(attained.times)
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
-    size, d_unit = _in(degrees, common_unit(claim.disturbances))
+    size, d_unit = display_scale(common_unit(claim.disturbances), degrees)
     position = Line(run.time[thin(run.time)], scale * moved[thin(run.time)], None, {"color": SERIES[2]})
     return [
         Paragraph(

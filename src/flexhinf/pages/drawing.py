@@ -1,5 +1,4 @@
-"""Common parts of pages: blocks of a section, figures over time with a line for each joint, units, and numbers,
-poses and robots as text; the tables of the requirements and of the inputs."""
+"""Common parts of pages: figures over time with a line for each joint, units, poses and robots as text."""
 
 # Not checked strictly: parts of Matplotlib have no types.
 # pyright: reportUnknownMemberType=false
@@ -11,13 +10,12 @@ import re
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from flexhinf.arrays import Number
-from flexhinf.copies import shared_out
-from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.designs.evaluation import LawEvaluation
 from flexhinf.numerals import number, number_text
 from flexhinf.plant import Plant
 from flexhinf.report import (
@@ -25,11 +23,11 @@ from flexhinf.report import (
     MUTED,
     SERIES,
     Column,
+    Drawing,
     Figure,
     LineStyle,
     Note,
     PageBlock,
-    Section,
     Table,
     figure_to_svg,
     fitted,
@@ -50,7 +48,7 @@ if TYPE_CHECKING:
 
 #: A section of a page: notes first, then its blocks; a figure as the function that draws it, None where there is
 #: nothing to draw. Who reads notes or tables only draws nothing.
-Blocks = Iterator[PageBlock | Callable[[], Figure | None]]
+Blocks = Iterator[PageBlock | Drawing]
 
 #: Points of a line in a figure, at most: more cannot be told apart at the width of a page.
 POINTS = 1500
@@ -271,9 +269,29 @@ def joint_panels(
     return parts
 
 
-def single_line(text: str) -> str:
-    """Replace each space by one at which no line breaks."""
-    return text.replace(" ", "\N{NO-BREAK SPACE}")
+def small_panels(
+    count: int, height: float, columns: int = 3, sharex: bool = False
+) -> tuple[Canvas, list[Axes]]:
+    """A figure with `count` panels in rows of at most `columns`, each row `height` inches high."""
+    rows = -(-count // columns)
+    figure, grid = panels(rows, min(columns, count), 0.4 + height * rows, sharex=sharex)
+    axes = [axis for row in grid for axis in row]
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return figure, axes[:count]
+
+
+def few_ticks(axis: Axes, largest: float, which: Literal["both", "x"] = "both") -> None:
+    """Few ticks with short numbers, of size up to `largest`."""
+    axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 1)
+    for ruler in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
+        ruler.set_major_formatter(_short_mark)
+
+
+def _short_mark(value: float, place: object = None) -> str:
+    """A number beside an axis of a small panel: 0.0001 would touch 0.0002."""
+    text = number(value, 3)
+    return text if len(text) < 6 else np.format_float_scientific(value, 2, trim="-", exp_digits=1)
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int) -> None:
@@ -290,30 +308,8 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 
-def with_figures(*sections: Blocks) -> list[list[PageBlock]]:
-    """The blocks of each section with all figures drawn, on all processors."""
-    found = [list(blocks) for blocks in sections]
-    undrawn = [block for blocks in found for block in blocks if callable(block)]
-    figures = iter(shared_out(lambda draw: draw(), undrawn))
-    blocks_of = ([next(figures) if callable(block) else block for block in blocks] for blocks in found)
-    return [list(filter(None, blocks)) for blocks in blocks_of]
-
-
-def first_screen(
-    sections: Sequence[Section], figures: Sequence[str], unfolded: Sequence[str]
-) -> tuple[list[Figure], list[Section]]:
-    """The named figures, which stand on the first screen, and the sections without them; those named are open."""
-    pictures = {block.id: block for part in sections for block in part.blocks if isinstance(block, Figure)}
-    lead = [pictures[name] for name in (f"figure-{name}" for name in figures) if name in pictures]
-    left = [
-        replace(part, blocks=[block for block in part.blocks if block not in lead], open=part.id in unfolded)
-        for part in sections
-    ]
-    return lead, [part for part in left if part.blocks]
-
-
 #: Units of angles and their rates in degrees.
-DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s²": "°/s²"}
+DEGREES = {"rad": "°", "rad/s": "°/s", "rad/s²": "°/s²", "rad·s": "°·s"}
 
 
 def display_scale(unit: str, degrees: bool) -> tuple[float, str]:
@@ -474,11 +470,6 @@ def law_name(degree: int) -> str:
 def joint_count(count: int) -> str:
     """Number of elastic joints, as text."""
     return "one elastic joint" if count == 1 else f"{count} elastic joints"
-
-
-def count_text(count: int, noun: str) -> str:
-    """A number with a noun, in the plural where it needs one."""
-    return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
 def in_joint(joint: str, joints: Sequence[str]) -> str:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-import shlex
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.identification.consistency import SMALL_CORRELATION, OutputConsistency, SquaredError
-from flexhinf.numerals import number, number_text
-from flexhinf.pages.drawing import Blocks, first_screen, listed, note, with_figures
+from flexhinf.numerals import number, number_text, percent
+from flexhinf.pages.checks import finding_texts, log_findings
+from flexhinf.pages.drawing import listed, note
 from flexhinf.pages.estimate_figures import (
     BAND,
     FilteredLog,
@@ -21,24 +22,8 @@ from flexhinf.pages.estimate_figures import (
     measured_blocks,
     signal_label,
 )
-from flexhinf.pages.log_findings import finding_numbers, finding_section, finding_texts
-from flexhinf.pages.page import files_section
-from flexhinf.pages.settings import Rows, robot_rows, settings_in_groups
-from flexhinf.pages.terminal import Ending, table_screen
-from flexhinf.report import (
-    Badge,
-    Cell,
-    Column,
-    KeyNumber,
-    Page,
-    Provenance,
-    Section,
-    Settings,
-    Table,
-    finite,
-    house_style,
-    to_json,
-)
+from flexhinf.pages.settings import robot_rows
+from flexhinf.report import Badge, Cell, Column, Fact, Page, Section, Table
 from flexhinf.validation import extra_package
 
 if TYPE_CHECKING:
@@ -150,37 +135,38 @@ def _nees_text(nees: SquaredError) -> str:
     return f"Beside the true state, errors are {relation[nees.judgement]} (mean NEES {number(nees.mean, 3)} of 1)."
 
 
-# Tables ------------------------------------------------------------------------------------------------
-def innovation_table(result: FilteredLog) -> Table:
+# Sections ----------------------------------------------------------------------------------------------
+def _innovation_table(result: FilteredLog) -> Table:
     """A row for each measured signal: how large its innovations are, and how related."""
-    rows: list[Sequence[object]] = []
-    for output in result.judged.outputs:
-        test = output.whiteness
+
+    def ratio(output: OutputConsistency) -> Cell:
         fits = 1.0 / 1.1 < output.factor < 1.1
-        rows.append(
-            (
-                signal_label(output.name),
-                output.samples,
-                result.units.text(output.name, output.rms),
-                result.units.text(output.name, output.expected),
-                Cell(number(output.factor, 3), "green" if fits else "yellow"),
-                f"{number(100.0 * output.inside, 3)} %",
-                None if test is None else number(test.correlations[0], 2),
-                "too few" if test is None else Cell("yes", "green") if test.white else Cell("no", "yellow"),
-            )
-        )
-    return Table(
+        return Cell(number(output.factor, 3), "green" if fits else "yellow")
+
+    def neighbours(output: OutputConsistency) -> str | None:
+        return output.whiteness and number(output.whiteness.correlations[0], 2)
+
+    def white(output: OutputConsistency) -> str | Cell:
+        test = output.whiteness
+        return "too few" if test is None else Cell("yes", "green") if test.white else Cell("no", "yellow")
+
+    return Table.of(
         (
-            "measured",
-            Column("samples", brief=None),
-            Column("innovation, rms", right=True, brief="rms"),
-            Column("expected", right=True),
-            Column("ratio", right=True),
-            Column(f"in the {BAND}", right=True, brief="in 95 %"),
-            Column("correlation of neighbours", right=True, brief="lag 1"),
-            "white",
+            Column("measured", of=lambda output: signal_label(output.name)),
+            Column("samples", brief=None, of=lambda output: output.samples),
+            Column(
+                "innovation, rms",
+                right=True,
+                brief="rms",
+                of=lambda output: result.units.text(output.name, output.rms),
+            ),
+            Column("expected", right=True, of=lambda output: result.units.text(output.name, output.expected)),
+            Column("ratio", right=True, of=ratio),
+            Column(f"in the {BAND}", right=True, brief="in 95 %", of=lambda output: percent(output.inside)),
+            Column("correlation of neighbours", right=True, brief="lag 1", of=neighbours),
+            Column("white", of=white),
         ),
-        rows,
+        result.judged.outputs,
         "Innovations, measured minus predicted, beside what the filter expects of them. White: no correlation over the "
         "first lags (Ljung and Box) that is certain and above 0.1, and slow changes with less than twice the power "
         "of white noise; what the steps of a sensor explain is taken off",
@@ -189,209 +175,148 @@ def innovation_table(result: FilteredLog) -> Table:
     )
 
 
-def estimate_ending(result: FilteredLog, notes: Sequence[str] = ()) -> Ending:
-    """What a terminal says at the end: the innovations of the first signals, what they say, and notes."""
-    return table_screen(innovation_table(result), [" ".join(judgement(result)[1]).replace("`", ""), *notes])
+def _error_numbers(error: SquaredError | None) -> dict[str, object] | None:
+    return error and {
+        name: getattr(error, name) for name in ("mean", "interval", "factor", "samples", "judgement")
+    }
 
 
-def log_table(result: FilteredLog) -> Table:
-    """What is in the log."""
-    log = result.log
+def innovation_section(result: FilteredLog, title: str, is_open: bool = False) -> Section:
+    """The innovations: a table, their figures, and in the JSON what decides whether they fit."""
+    names = ("unit", "samples", "rms", "expected", "factor", "bias", "inside", "step")
+    outputs = {
+        output.name: {
+            **{name: getattr(output, name) for name in names},
+            "rejected": rejected(result).get(output.name, 0),
+            "whiteness": output.whiteness
+            and {
+                name: getattr(output.whiteness, name)
+                for name in ("white", "p_value", "correlations", "rounding")
+            },
+        }
+        for output in result.judged.outputs
+    }
+    errors = {name: _error_numbers(getattr(result.judged, name)) for name in ("nis", "nees")}
+    blocks = (_innovation_table(result), *innovation_blocks(result))
+    return Section(title, blocks, "innovations", is_open, numbers={**errors, "outputs": outputs})
+
+
+def log_section(result: FilteredLog, warnings: Sequence[str]) -> Section:
+    """What is in the log, below warnings about its robot."""
+    log, plant = result.log, result.filter.plant
     steps = 1e3 * np.diff(log.times)
     usual, shortest, longest = (number(float(find(steps))) for find in (np.median, np.min, np.max))
-    rows: list[Sequence[object]] = [
+
+    def row(kind: str, name: str, column: np.ndarray) -> tuple[str, str]:
+        (scale, unit), known = result.units.of(name), column[np.isfinite(column)]
+        ends = (
+            f"{number(scale * float(known.min()), 3)} to {number_text(scale * float(known.max()), unit, 3)}"
+        )
+        part = "" if len(known) == len(log) else f", in {len(known)} of {len(log)} samples"
+        return f"{kind}: {signal_label(name)}", f"{ends}{part}"
+
+    rows = [
         ("samples", str(len(log))),
-        ("duration", f"{number(float(log.times[-1] - log.times[0]))} s"),
+        ("duration", number_text(float(log.times[-1] - log.times[0]), "s")),
         ("time between samples", f"{usual} ms, from {shortest} to {longest} ms"),
+        *(row("input", *pair) for pair in zip(plant.inputs, log.inputs.T)),
+        *(row("measured", *pair) for pair in zip(plant.outputs, log.outputs.T)),
     ]
-    plant = result.filter.plant
-    for kind, names, values in (
-        ("input", plant.inputs, log.inputs),
-        ("measured", plant.outputs, log.outputs),
-    ):
-        for name, column in zip(names, values.T):
-            (scale, unit), known = result.units.of(name), column[np.isfinite(column)]
-            low, high = (
-                number(scale * float(known.min()), 3),
-                number_text(scale * float(known.max()), unit, 3),
-            )
-            part = "" if len(known) == len(log) else f", in {len(known)} of {len(log)} samples"
-            rows.append((f"{kind}: {signal_label(name)}", f"{low} to {high}{part}"))
-    return Table(("", "in the log"), rows, f"The log {log.source}", "table-log", stacks=True)
+    table = Table(("", "in the log"), rows, f"The log {log.source}", "table-log", stacks=True)
+    return Section("The log", (*map(note, warnings), table), "log")
 
 
-def innovations(result: FilteredLog) -> Blocks:
-    """The table of the innovations, and their figures."""
-    yield innovation_table(result)
-    yield from innovation_blocks(result)
-
-
-# The page, the files, the terminal -----------------------------------------------------------------------
-def estimate_page(
-    result: FilteredLog, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
-) -> Page:
-    """The page of a filtered log; `command` makes it again, `warnings` are of the robot's file, `files` beside it."""
+# The page and the files ----------------------------------------------------------------------------------
+def estimate_page(result: FilteredLog, command: Sequence[str], warnings: Sequence[str] = ()) -> Page:
+    """The report of a filtered log; `command` makes it again, `warnings` are of the robot's file."""
     fits, texts = judgement(result)
-    log, robot = result.log, result.robot
-    with house_style():
-        blocks_of = with_figures(innovations(result), measured_blocks(result), estimate_blocks(result))
-    names = (
-        ("innovations", "Do the innovations fit the filter?"),
-        ("signals", "Measured and predicted"),
-        ("states", "Estimated states"),
-    )
-    sections = [Section(title, tuple(blocks), anchor) for (anchor, title), blocks in zip(names, blocks_of)]
-    about = [note(text) for text in warnings]
-    sections += [finding_section(result.findings), Section("The log", (*about, log_table(result)), "log")]
-    if files:
-        sections.append(files_section(files))
-    unfolded = ("innovations", *(["findings"] if finding_texts(result.findings) else []))
-    lead, sections = first_screen(sections, ("measured", "innovations"), unfolded)
+    log, robot, filter = result.log, result.robot, result.filter
+    last, seconds = result.data.isel(time=-1), float(log.times[-1] - log.times[0])
     states = "fits the log" if fits else "does not fit the log"
+    estimates = zip(
+        filter.plant.states, last["estimate"].values, last["standard_deviation"].values, strict=True
+    )
+    final = {
+        name: {"value": float(value), "standard_deviation": float(deviation), "unit": filter.plant.unit(name)}
+        for name, value, deviation in estimates
+    }
     return Page(
         f"The log {log.source} and a filter for “{robot.name}”",
-        f"A log of {len(log)} samples in {number(float(log.times[-1] - log.times[0]))} s, through the {result.name} of "
-        f"the robot “{robot.name}”. Measured: {listed([signal_label(name) for name in result.filter.plant.outputs])}.",
+        f"A log of {len(log)} samples in {number_text(seconds, 's')}, through the {result.name} of the robot "
+        f"“{robot.name}”. Measured: {listed([signal_label(name) for name in filter.plant.outputs])}.",
         f"The filter {states}. {texts[0]}",
-        sections,
-        Settings(settings_in_groups({"Filter": _filter_rows(result), "Robot": robot_rows(robot)})),
-        Provenance(shlex.join(command), None),
-        _key_numbers(result),
-        [Badge("met" if fits else "risky", f"The filter {states}.")],
-        texts[1:],
-        lead,
-    )
+        (
+            innovation_section(result, "Do the innovations fit the filter?", True),
+            Section("Measured and predicted", [*measured_blocks(result)], "signals"),
+            Section(
+                "Estimated states", [*estimate_blocks(result)], "states", numbers={"last_estimate": final}
+            ),
+            replace(log_findings(result.findings), open=bool(finding_texts(result.findings))),
+            log_section(result, warnings),
+        ),
+        command,
+        settings={"Filter": _filter_rows(result), "Robot": robot_rows(robot)},
+        facts=_facts(result),
+        status=[Badge("met" if fits else "risky", f"The filter {states}.")],
+        details=texts[1:],
+        lead=("measured", "innovations"),
+        head={
+            "log": {
+                "source": log.source, "samples": len(log), "duration_s": seconds, "period_s": log.period,
+            },
+            "robot": robot.name,
+            "filter": {
+                "kind": result.name, "form": filter.form, "period_s": filter.period,
+                "process_noise": filter.process_noise, "measurement_noise": filter.measurement_noise,
+                "sources": dict(result.sources), "gate": filter.gate,
+                "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
+            },
+            "fits": fits,
+            "says": texts,
+            "log_likelihood": result.data.attrs["log_likelihood"],
+        },
+    )  # fmt: skip
 
 
-def _filter_rows(result: FilteredLog) -> Rows:
+def _filter_rows(result: FilteredLog) -> list[Fact]:
     filter, sources = result.filter, result.sources
     noise = filter.measurement_noise
     start = zip(filter.plant.states, filter.initial.mean, strict=True)
     return [
-        ("filter", result.name, "", "option --filter"),
-        ("form", filter.form.replace("_", " "), "", "option --form"),
-        ("period", filter.period, "s", sources["period"]),
-        ("Rᵛ, diagonal", np.diag(filter.process_noise).tolist(), "per period", sources["process noise"]),
-        ("Rⁿ, diagonal", np.diag(noise).tolist(), "", sources["measurement noise"]),
-        *((("gate", filter.gate, "", "option --gate"),) if filter.gate is not None else ()),
+        Fact("filter", result.name, "", "option --filter"),
+        Fact("form", filter.form.replace("_", " "), "", "option --form"),
+        Fact("period", filter.period, "s", sources["period"]),
+        Fact("Rᵛ, diagonal", np.diag(filter.process_noise).tolist(), "per period", sources["process noise"]),
+        Fact("Rⁿ, diagonal", np.diag(noise).tolist(), "", sources["measurement noise"]),
+        *((Fact("gate", filter.gate, "", "option --gate"),) if filter.gate is not None else ()),
         *(
-            (f"bounds of {signal_label(name)}", [scale * end for end in ends], unit, "option --bounds")
+            Fact(f"bounds of {signal_label(name)}", [scale * end for end in ends], unit, "option --bounds")
             for name, ends in filter.bounds.items()
             for scale, unit in (result.units.of(name),)
         ),
         *(
-            (f"first {signal_label(name)}", scale * float(value), unit, "the first measurement")
+            Fact(f"first {signal_label(name)}", scale * float(value), unit, "the first measurement")
             for name, value in start
             for scale, unit in (result.units.of(name),)
         ),
     ]
 
 
-def _key_numbers(result: FilteredLog) -> list[KeyNumber]:
+def _facts(result: FilteredLog) -> list[Fact]:
     judged, period = result.judged, result.log.period
     ratio = f"{number(judged.nis.interval[0], 3)} to {number(judged.nis.interval[1], 3)} is consistent"
     inside = float(
         np.average([o.inside for o in judged.outputs], weights=[o.samples for o in judged.outputs])
     )
     numbers = [
-        KeyNumber("samples", len(result.log), "", f"one in {number(1e3 * period, 3)} ms"),
-        KeyNumber("mean NIS", number(judged.nis.mean, 3), "", ratio),
-        KeyNumber("innovations in the band", number(100.0 * inside, 3), "%", "95 % are to be"),
-        KeyNumber("log-likelihood", number(result.data.attrs["log_likelihood"], 6), "", "larger fits better"),
+        Fact("samples", len(result.log), "", f"one in {number(1e3 * period, 3)} ms"),
+        Fact("mean NIS", number(judged.nis.mean, 3), "", ratio),
+        Fact("innovations in the band", number(100.0 * inside, 3), "%", "95 % are to be"),
+        Fact("log-likelihood", number(result.data.attrs["log_likelihood"], 6), "", "larger fits better"),
     ]
     if judged.nees is not None:
-        numbers.append(KeyNumber("mean NEES", number(judged.nees.mean, 3), "", "1 is consistent"))
+        numbers.append(Fact("mean NEES", number(judged.nees.mean, 3), "", "1 is consistent"))
     return numbers
-
-
-def innovation_numbers(result: FilteredLog) -> dict[str, object]:
-    """What decides whether innovations fit, for the JSON of a page."""
-    judged = result.judged
-
-    def of(error: SquaredError | None) -> dict[str, object] | None:
-        return (
-            None
-            if error is None
-            else {
-                "mean": error.mean,
-                "interval": error.interval,
-                "factor": error.factor,
-                "samples": error.samples,
-                "judgement": error.judgement,
-            }
-        )
-
-    return {
-        "nis": of(judged.nis),
-        "nees": of(judged.nees),
-        "outputs": {
-            output.name: {
-                "unit": output.unit,
-                "samples": output.samples,
-                "rms": output.rms,
-                "expected": output.expected,
-                "factor": output.factor,
-                "bias": output.bias,
-                "inside": output.inside,
-                "rejected": rejected(result).get(output.name, 0),
-                "step": output.step,
-                "whiteness": output.whiteness
-                and {
-                    "white": output.whiteness.white,
-                    "p_value": output.whiteness.p_value,
-                    "correlations": output.whiteness.correlations,
-                    "rounding": output.whiteness.rounding,
-                },
-            }
-            for output in judged.outputs
-        },
-    }
-
-
-def estimate_numbers(result: FilteredLog) -> dict[str, object]:
-    """Every number of the page, for estimate.json."""
-    log, filter, data = result.log, result.filter, result.data
-    last = data.isel(time=-1)
-    fits, texts = judgement(result)
-    return finite(
-        {
-            "log": {
-                "source": log.source,
-                "samples": len(log),
-                "duration_s": float(log.times[-1] - log.times[0]),
-                "period_s": log.period,
-            },
-            "robot": result.robot.name,
-            "filter": {
-                "kind": result.name,
-                "form": filter.form,
-                "period_s": filter.period,
-                "process_noise": filter.process_noise,
-                "measurement_noise": filter.measurement_noise,
-                "sources": dict(result.sources),
-                "gate": filter.gate,
-                "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
-            },
-            "fits": fits,
-            "says": texts,
-            "findings": finding_numbers(result.findings),
-            "log_likelihood": data.attrs["log_likelihood"],
-            **innovation_numbers(result),
-            "last_estimate": {
-                name: {
-                    "value": float(value),
-                    "standard_deviation": float(deviation),
-                    "unit": filter.plant.unit(name),
-                }
-                for name, value, deviation in zip(
-                    filter.plant.states,
-                    last["estimate"].values,
-                    last["standard_deviation"].values,
-                    strict=True,
-                )
-            },
-        }
-    )
 
 
 def estimate_table(data: xr.Dataset) -> dict[str, np.ndarray]:
@@ -408,24 +333,18 @@ def estimate_table(data: xr.Dataset) -> dict[str, np.ndarray]:
     return table
 
 
-def estimate_files(
-    result: FilteredLog, command: Sequence[str], warnings: Sequence[str], table: str
-) -> dict[str, str | bytes]:
-    """The files of the report by name: the page, the numbers, and the estimates as ``csv`` or ``parquet``."""
-    names = [f"estimate.{table}", "estimate.json"]
+def estimate_file(result: FilteredLog, kind: str) -> str | bytes:
+    """The estimates as ``csv`` or ``parquet``."""
     columns = estimate_table(result.data)
-    if table == "parquet":
+    if kind == "parquet":
         arrow, parquet = (
             extra_package(name, "log", "Estimates in Parquet need another package.")
             for name in ("pyarrow", "pyarrow.parquet")
         )
         stream = arrow.BufferOutputStream()
         parquet.write_table(arrow.table(columns), stream)
-        written: str | bytes = stream.getvalue().to_pybytes()
-    else:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(columns)
-        np.savetxt(text, np.column_stack(list(columns.values())), "%.12g", ",")
-        written = text.getvalue()
-    page = estimate_page(result, command, warnings, names)
-    return {"index.html": page.html(), names[0]: written, names[1]: to_json(estimate_numbers(result))}
+        return stream.getvalue().to_pybytes()
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(columns)
+    np.savetxt(text, np.column_stack(list(columns.values())), "%.12g", ",")
+    return text.getvalue()

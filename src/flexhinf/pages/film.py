@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
-from flexhinf.design.deployed_run import DeployedRun
+from flexhinf.designs.deployed_run import DeployedRun
 from flexhinf.errors import refuse_if
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.export.run_log import check_place

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,45 +14,13 @@ from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.identification.explanations import HYSTERESIS, Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
-from flexhinf.numerals import ends_text, estimate_text, number, number_text
-from flexhinf.pages.drawing import (
-    Blocks,
-    Line,
-    Panel,
-    display_scale,
-    draw_figure,
-    first_screen,
-    listed,
-    note,
-    with_figures,
-)
-from flexhinf.pages.estimate import (
-    FilteredLog,
-    innovation_numbers,
-    innovations,
-    log_table,
-    measured_blocks,
-)
+from flexhinf.numerals import ends_text, estimate_text, number, number_text, percent
+from flexhinf.pages.checks import finding_texts, log_findings
+from flexhinf.pages.drawing import Blocks, Line, Panel, display_scale, draw_figure, listed, note
+from flexhinf.pages.estimate import FilteredLog, innovation_section, log_section, measured_blocks
 from flexhinf.pages.estimate_figures import signal_label
-from flexhinf.pages.log_findings import finding_numbers, finding_section, finding_texts
-from flexhinf.pages.page import files_section
-from flexhinf.pages.settings import robot_rows, settings_in_groups
-from flexhinf.pages.terminal import Ending, table_screen
-from flexhinf.report import (
-    SERIES,
-    Badge,
-    Cell,
-    Column,
-    KeyNumber,
-    Page,
-    Provenance,
-    Section,
-    Settings,
-    Table,
-    finite,
-    house_style,
-    to_json,
-)
+from flexhinf.pages.settings import robot_rows
+from flexhinf.report import SERIES, Badge, Cell, Column, Fact, Page, Section, Table
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import TEETH, left_out
 
@@ -258,28 +225,21 @@ def _advice(result: IdentifiedRobot) -> list[str]:
     return [f"To try: {extras}{more}{noise}."]
 
 
+# Sections ----------------------------------------------------------------------------------------------
 def identified_table(result: IdentifiedRobot) -> Table:
     """A row for each number: as stated, as found, with its interval."""
     found, rows = result.found, list[Sequence[object]]()
     for name, value in found.values.items():
-        stated, error = result.stated[name], found.standard_errors[name]
-        clear = name not in found.hidden
-        low, high = found.intervals[name]
-        share = 100.0 * error / abs(value) if clear and value else np.inf
-        rows.append(
-            (
-                signal_label(name),
-                f"{number(stated.value, 5)} {stated.unit}".rstrip(),
-                estimate_text(value, low, high, stated.unit) if clear else "",
-                ends_text(low, high, stated.unit) if clear else "",
-                f"{number(share, 2)} %" if np.isfinite(share) else "",
-                Cell("no", "yellow")
-                if not clear
-                else Cell("yes", "green")
-                if found.consistent
-                else Cell("model does not fit", "yellow"),
+        stated, ends, error = result.stated[name], found.intervals[name], found.standard_errors[name]
+        row: tuple[object, ...] = ("", "", "", Cell("no", "yellow"))
+        if name not in found.hidden:
+            row = (
+                estimate_text(value, *ends, stated.unit),
+                ends_text(*ends, stated.unit),
+                percent(error / abs(value), 2) if value else "",
+                Cell("yes", "green") if found.consistent else Cell("model does not fit", "yellow"),
             )
-        )
+        rows.append((signal_label(name), number_text(stated.value, stated.unit, 5), *row))
     return Table(
         (
             "number",
@@ -297,64 +257,105 @@ def identified_table(result: IdentifiedRobot) -> Table:
     )
 
 
-def identified_ending(result: IdentifiedRobot, notes: Sequence[str] = ()) -> Ending:
-    """What a terminal says at the end: the numbers, as many as there is room for, the verdict, and notes."""
-    verdict = " ".join(identified_verdict(result)).replace("`", "")
-    return table_screen(identified_table(result), [verdict], notes)
-
-
-def noise_table(result: IdentifiedRobot) -> Table:
+def _noise_table(result: IdentifiedRobot) -> Table:
     """Levels of the noises that were found beside."""
-    found, rows = result.found, list[Sequence[object]]()
-    for name, level in found.noise.items():
-        measured = name in found.plant.outputs
+    found = result.found
+
+    def level(name: str) -> str:
         scale, unit = display_scale(found.noise_units[name], result.filtered.degrees)
-        rows.append(
-            (
-                signal_label(name),
-                "measurement" if measured else "disturbance",
-                number_text(scale * level, unit, 3),
-            )
-        )
-    return Table(
-        ("signal", "noise", Column("level", right=True)),
-        rows,
+        return number_text(scale * found.noise[name], unit, 3)
+
+    return Table.of(
+        (
+            Column("signal", of=signal_label),
+            Column("noise", of=lambda name: "measurement" if name in found.plant.outputs else "disturbance"),
+            Column("level", right=True, of=level),
+        ),
+        [*found.noise],
         "Standard deviations of what is measured, and levels of white disturbances that the model leaves out",
         "table-noise",
     )
 
 
-def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
-    """Numbers of the simulation beside those of the likelihood."""
+def _numbers_section(result: IdentifiedRobot) -> Section:
+    """The numbers, what else the log tells of them, and in the JSON every one of these."""
+    found, second, tables = result.found, result.second, [identified_table(result), _noise_table(result)]
+    return Section(
+        "What the log tells",
+        (*tables, _correlation_table(found), _second_table(result), _cause_table(result.causes)),
+        "numbers",
+        True,
+        numbers={
+            "numbers": {
+                name: {
+                    "stated": result.stated[name].value, "value": value, "standard_error": found.standard_errors[name],
+                    "interval": list(found.intervals[name]), "unit": result.stated[name].unit,
+                    "identifiable": name not in found.hidden,
+                }
+                for name, value in found.values.items()
+            },
+            "correlations": found.correlations,
+            "unidentifiable": [
+                {"direction": each.direction, "standard_error": each.standard_error} for each in found.unidentifiable
+            ],
+            "noise": found.noise,
+            "noise_units": found.noise_units,
+            "simulation": second and {
+                **{name: getattr(second, name) for name in ("values", "standard_errors", "errors", "fits")},
+                "differing": list(second.differing),
+            },
+            "causes": [
+                {
+                    **{name: getattr(each, name) for name in ("kind", "signal", "size", "unit", "gain", "share")},
+                    "standard_error": max(each.errors),
+                }
+                for each in result.causes
+            ],
+        },
+    )  # fmt: skip
+
+
+def _correlation_table(found: Identification) -> Table | None:
+    """Correlations of the errors of the numbers that the log tells, where there are several."""
+    clear = [k for k, name in enumerate(found.names) if name not in found.hidden]
+    names = [signal_label(found.names[k]) for k in clear]
     rows = [
-        (
-            signal_label(name),
-            estimate_text(result.found.values[name], *result.found.intervals[name], result.stated[name].unit),
-            estimate_text(value, *result.found.intervals[name], result.stated[name].unit),
-            f"{number(second.standard_errors[name], 2)} {result.stated[name].unit}".rstrip()
-            if np.isfinite(second.standard_errors[name])
-            else None,
-            "not told"
-            if name in result.found.hidden
-            else Cell("no", "yellow")
-            if name in second.differing
-            else Cell("yes", "green"),
-        )
-        for name, value in second.values.items()
+        (name, *("" if not np.isfinite(value) else number(float(value), 2) for value in row))
+        for name, row in zip(names, found.correlations[np.ix_(clear, clear)])
     ]
-    near = [
-        f"{number(100.0 * fit, 4)} % of the motion of {signal_label(name)}"
-        for name, fit in second.fits.items()
-    ]
-    return Table(
+    says = "Correlations of the errors: near 1 or −1, the log tells only what two numbers have together"
+    columns = ("", *(Column(name, right=True) for name in names))
+    return Table(columns, rows, says, "table-correlations") if len(clear) > 1 else None
+
+
+def _second_table(result: IdentifiedRobot) -> Table | None:
+    """Numbers of the simulation beside those of the likelihood."""
+    found, second = result.found, result.second
+    if second is None:
+        return None
+
+    def text(name: str, value: float) -> str:
+        return estimate_text(value, *found.intervals[name], result.stated[name].unit)
+
+    def error(name: str) -> str | None:
+        size = second.standard_errors[name]
+        return number_text(size, result.stated[name].unit, 2) if np.isfinite(size) else None
+
+    def same(name: str) -> str | Cell:
+        if name in found.hidden:
+            return "not told"
+        return Cell("no", "yellow") if name in second.differing else Cell("yes", "green")
+
+    near = [f"{percent(fit, 4)} of the motion of {signal_label(name)}" for name, fit in second.fits.items()]
+    return Table.of(
         (
-            "number",
-            Column("by the likelihood", right=True),
-            Column("by the simulation", right=True),
-            Column("standard error", right=True),
-            "the same",
+            Column("number", of=signal_label),
+            Column("by the likelihood", right=True, of=lambda name: text(name, found.values[name])),
+            Column("by the simulation", right=True, of=lambda name: text(name, second.values[name])),
+            Column("standard error", right=True, of=error),
+            Column("the same", of=same),
         ),
-        rows,
+        [*second.values],
         "A second opinion: the numbers with which a simulation with the log's inputs comes nearest (output error). It "
         f"explains {listed(near)}",
         "table-second",
@@ -362,55 +363,22 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
     )
 
 
-def cause_table(causes: Sequence[Explanation]) -> Table:
+def _cause_table(causes: Sequence[Explanation]) -> Table | None:
     """What explains what is left, the most first."""
-    rows = [
-        (
-            f"{cause.kind} {cause.place}",
-            f"{number(cause.size, 3)} {cause.unit}".rstrip(),
-            f"{number(max(cause.errors), 2)} {cause.unit}".rstrip(),
-            f"{number(100.0 * cause.share, 3)} %",
-            number(cause.gain, 3),
-        )
-        for cause in causes
-    ]
-    return Table(
-        (
-            "cause",
-            Column("size", right=True),
-            Column("standard error", right=True),
-            Column("share of what is left", right=True),
-            Column("log-likelihood +", right=True),
-        ),
-        rows,
-        "What explains the innovations that are left, each beside those above it",
-        "table-causes",
-        stacks=True,
+    columns = (
+        Column("cause", of=lambda cause: f"{cause.kind} {cause.place}"),
+        Column("size", right=True, of=lambda cause: number_text(cause.size, cause.unit, 3)),
+        Column("standard error", right=True, of=lambda cause: number_text(max(cause.errors), cause.unit, 2)),
+        Column("share of what is left", right=True, of=lambda cause: percent(cause.share)),
+        Column("log-likelihood +", right=True, of=lambda cause: number(cause.gain, 3)),
     )
-
-
-def correlation_table(result: IdentifiedRobot) -> Table:
-    """Correlations of the errors of the numbers that the log tells."""
-    clear = [k for k, name in enumerate(result.found.names) if name not in result.found.hidden]
-    names = [signal_label(result.found.names[k]) for k in clear]
-    matrix = result.found.correlations[np.ix_(clear, clear)]
-    rows = [
-        (name, *("" if not np.isfinite(value) else number(float(value), 2) for value in row))
-        for name, row in zip(names, matrix)
-    ]
-    return Table(
-        ("", *(Column(name, right=True) for name in names)),
-        rows,
-        "Correlations of the errors: near 1 or −1, the log tells only what two numbers have together",
-        "table-correlations",
-    )
+    says = "What explains the innovations that are left, each beside those above it"
+    return Table.of(columns, causes, says, "table-causes", stacks=True) if causes else None
 
 
 def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Blocks:
     errors = motion.standard_errors
-    clear = [
-        f"{signal_label(name)} to ± {number(100 * e, 2)} %" for name, e in errors.items() if np.isfinite(e)
-    ]
+    clear = [f"{signal_label(name)} to ± {percent(e, 2)}" for name, e in errors.items() if np.isfinite(e)]
     texts = [f"Driven on the robot, motion.csv would tell {', '.join(clear)}."] if clear else []
     texts += [
         f"No motion tells this: {each.text}. State one of these numbers." for each in motion.unidentifiable
@@ -429,171 +397,69 @@ def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Blocks:
     yield lambda: draw_figure("motion", panels[:4], says, "Proposed motion")
 
 
-def identified_page(
-    result: IdentifiedRobot, command: Sequence[str], warnings: Sequence[str], files: Sequence[str]
-) -> Page:
-    """The page; `command` makes it again, `warnings` are of the robot's file, `files` beside it."""
-    found, filtered = result.found, result.filtered
-    tables = [
-        identified_table(result),
-        noise_table(result),
-        *([correlation_table(result)] if len(found.names) - len(found.hidden) > 1 else []),
-        *([second_table(result.second, result)] if result.second is not None else []),
-        *([cause_table(result.causes)] if result.causes else []),
-    ]
-    parts = [
-        ("innovations", "Does the model fit the log?", innovations(filtered)),
-        ("signals", "Measured and predicted", measured_blocks(filtered)),
-    ]
-    if result.telling is not None:
-        more = _motion_blocks(result, result.telling)
-        parts.insert(0, ("motion", "A motion that would tell more", more))
-    with house_style():
-        blocks_of = with_figures(*(blocks for _, _, blocks in parts))
-    sections = [Section("What the log tells", tuple(tables), "numbers")]
-    sections += [
-        Section(title, tuple(blocks), anchor) for (anchor, title, _), blocks in zip(parts, blocks_of)
-    ]
-    about = tuple(note(text) for text in warnings)
-    sections += [
-        finding_section(filtered.findings),
-        Section("The log", (*about, log_table(filtered)), "log"),
-        files_section(files),
-    ]
-    unfolded = ("numbers", "motion", *(["findings"] if finding_texts(filtered.findings) else []))
-    lead, sections = first_screen(sections, ("measured", "innovations"), unfolded)
-    log = filtered.log
-    keys = [
-        KeyNumber(
-            signal_label(name),
-            number(result.stated[name].value, 4)
-            if name in found.hidden
-            else estimate_text(value, *found.intervals[name]),
-            result.stated[name].unit,
-            "as stated; not told by the log"
-            if name in found.hidden
-            else f"95 %: {ends_text(*found.intervals[name], result.stated[name].unit)}",
-        )
-        for name, value in list(found.values.items())[:4]
-    ]
-    count, unclear = len(found.names), len(found.hidden)
+def identified_page(result: IdentifiedRobot, command: Sequence[str], warnings: Sequence[str]) -> Page:
+    """The report; `command` makes it again, `warnings` are of the robot's file."""
+    found, filtered, stated, log = result.found, result.filtered, result.stated, result.filtered.log
+    count, unclear, other = len(found.names), len(found.hidden), result.likelier
     many = f"{count - unclear} of {count} numbers" if unclear else "all numbers"
-    states = [
-        *([Badge("risky", "The model does not fit the log.")] if not found.consistent else []),
-        *([Badge("risky", "The log does not tell when its signals were true.")] if found.undecided else []),
-        *(
-            [Badge("risky" if unclear else "met", f"The log tells {many}.")]
-            if unclear or found.consistent
-            else []
-        ),
-    ]
     said = identified_verdict(result)
+    status = [
+        None if found.consistent else Badge("risky", "The model does not fit the log."),
+        Badge("risky", "The log does not tell when its signals were true.") if found.undecided else None,
+        Badge("risky" if unclear else "met", f"The log tells {many}.")
+        if unclear or found.consistent
+        else None,
+    ]
+    times = ("signal", "kind", "samples", "gain")
+    motion = result.motion and {
+        "duration_s": result.motion.reference.duration, "standard_errors": result.motion.standard_errors,
+    }  # fmt: skip
     return Page(
-        f"What the log {log.source} tells of “{result.stated.name}”",
-        f"Numbers of the robot “{result.stated.name}” by maximum likelihood, from {len(log)} samples in "
-        f"{number(float(log.times[-1] - log.times[0]))} s.",
+        f"What the log {log.source} tells of “{stated.name}”",
+        f"Numbers of the robot “{stated.name}” by maximum likelihood, from {len(log)} samples in "
+        f"{number_text(float(log.times[-1] - log.times[0]), 's')}.",
         said[0],
-        sections,
-        Settings(settings_in_groups({"Robot": robot_rows(result.stated)})),
-        Provenance(shlex.join(command), None),
-        keys,
-        states,
-        said[1:],
-        lead,
-    )
-
-
-def identified_numbers(result: IdentifiedRobot) -> dict[str, object]:
-    """Every number of the page, for identify.json."""
-    found = result.found
-    return finite(
-        {
-            "robot": result.stated.name,
-            "log": result.filtered.log.source,
-            "samples": found.samples,
-            "log_likelihood": found.log_likelihood,
-            "says": identified_verdict(result),
-            "findings": finding_numbers(result.filtered.findings),
-            "model_fits": found.consistent,
-            **innovation_numbers(result.filtered),
+        (
+            _numbers_section(result),
+            Section(
+                "A motion that would tell more",
+                () if result.telling is None else [*_motion_blocks(result, result.telling)],
+                "motion",
+                True,
+                numbers={"motion": motion},
+            ),
+            innovation_section(filtered, "Does the model fit the log?"),
+            Section("Measured and predicted", [*measured_blocks(filtered)], "signals"),
+            replace(log_findings(filtered.findings), open=bool(finding_texts(filtered.findings))),
+            log_section(filtered, warnings),
+        ),
+        command,
+        settings={"Robot": robot_rows(stated)},
+        facts=[_fact(result, name) for name in [*found.values][:4]],
+        status=[*filter(None, status)],
+        details=said[1:],
+        lead=("measured", "innovations"),
+        head={
+            "robot": stated.name, "log": log.source, "samples": found.samples,
+            "log_likelihood": found.log_likelihood, "says": said, "model_fits": found.consistent,
             "disturbances": {
-                name: {"found": level, "assumed": assumed}
-                for name, (level, assumed) in found.disturbances.items()
+                name: {"found": level, "assumed": assumed} for name, (level, assumed) in found.disturbances.items()
             },
-            "likelier": result.likelier
-            and {
-                "signal": result.likelier.signal,
-                "kind": result.likelier.kind,
-                "samples": result.likelier.samples,
-                "gain": result.likelier.gain,
-            },
+            "likelier": other and {name: getattr(other, name) for name in times},
             "undecided": [
-                {
-                    "signal": each.signal,
-                    "kind": each.kind,
-                    "samples": each.samples,
-                    "gain": each.gain,
-                    "values": {**each.values},
-                }
+                {**{name: getattr(each, name) for name in times}, "values": {**each.values}}
                 for each in found.undecided
             ],
-            "numbers": {
-                name: {
-                    "stated": result.stated[name].value,
-                    "value": value,
-                    "standard_error": found.standard_errors[name],
-                    "interval": list(found.intervals[name]),
-                    "unit": result.stated[name].unit,
-                    "identifiable": name not in found.hidden,
-                }
-                for name, value in found.values.items()
-            },
-            "simulation": result.second
-            and {
-                "values": result.second.values,
-                "standard_errors": result.second.standard_errors,
-                "errors": result.second.errors,
-                "fits": result.second.fits,
-                "differing": list(result.second.differing),
-            },
-            "causes": [
-                {
-                    "kind": each.kind,
-                    "signal": each.signal,
-                    "size": each.size,
-                    "standard_error": max(each.errors),
-                    "unit": each.unit,
-                    "gain": each.gain,
-                    "share": each.share,
-                }
-                for each in result.causes
-            ],
-            "correlations": found.correlations.tolist(),
-            "unidentifiable": [
-                {"direction": each.direction, "standard_error": each.standard_error}
-                for each in found.unidentifiable
-            ],
-            "noise": found.noise,
-            "noise_units": found.noise_units,
-            "motion": None
-            if result.motion is None
-            else {
-                "duration_s": result.motion.reference.duration,
-                "standard_errors": result.motion.standard_errors,
-            },
-        }
-    )
+        },
+    )  # fmt: skip
 
 
-def identified_files(
-    result: IdentifiedRobot, command: Sequence[str], warnings: Sequence[str], robot_file: str
-) -> dict[str, str | bytes]:
-    """The files of the report by name: the page, the numbers, the robot file, and the motion where one is proposed."""
-    files: dict[str, str | bytes] = {
-        "robot.toml": robot_file,
-        "identify.json": to_json(identified_numbers(result)),
-    }
-    if result.telling is not None:
-        files["motion.csv"] = result.telling.table()
-    page = identified_page(result, command, warnings, list(files))
-    return {"index.html": page.html(), **files}
+def _fact(result: IdentifiedRobot, name: str) -> Fact:
+    """A number that was looked for, as told or as stated."""
+    stated, ends = result.stated[name], result.found.intervals[name]
+    if name in result.found.hidden:
+        return Fact(
+            signal_label(name), number(stated.value, 4), stated.unit, "as stated; not told by the log"
+        )
+    value = estimate_text(result.found.values[name], *ends)
+    return Fact(signal_label(name), value, stated.unit, f"95 %: {ends_text(*ends, stated.unit)}")

@@ -4,26 +4,26 @@ with who states it, the list of files, and tables for a terminal."""
 from __future__ import annotations
 
 import re
-import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Response
-from flexhinf.design.specification import FIELDS, TOLERANCE
-from flexhinf.design.verdict import DesignVerdict
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.requirements import Requirement
+from flexhinf.designs.requirements.requirement import TOLERANCE
+from flexhinf.designs.responses import Response
+from flexhinf.designs.specification import Specification
+from flexhinf.designs.verdict import DesignVerdict
+from flexhinf.files import write_file
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.numerals import number
+from flexhinf.numerals import count_text, number
 from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
-    count_text,
     in_joint,
     joint_count,
     law_name,
@@ -32,22 +32,21 @@ from flexhinf.pages.drawing import (
     range_text,
     rounded,
     units_of,
-    with_figures,
 )
 from flexhinf.pages.settings import design_settings
 from flexhinf.report import (
     Badge,
     Cell,
     Column,
-    KeyNumber,
+    Fact,
     Note,
     Page,
     Paragraph,
-    Provenance,
     Section,
-    Settings,
     Table,
     house_style,
+    to_json,
+    with_figures,
 )
 from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.actuators import published_gears, published_joints
@@ -226,7 +225,8 @@ def design_page(
             sections.append(Section(part.title, tuple(blocks), anchor, part.open, group, about_it))
             group = ""
     status, lines = design.status, design.requirements
-    said = [requirements_text(lines), step.step_text(design.evaluation.step, units_of(design.evaluation))]
+    stepped = step.step_text(design.evaluation.step, units_of(design.evaluation))
+    said = [f"{requirements_text(lines)} {controller_text(s, pose_task(goal))}.", stepped]
     defaults = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
     met = [f"{len(lines)} of {len(lines)} requirements{defaults}"]
     if not any(line.what == "bandwidth" for line in lines):
@@ -241,11 +241,12 @@ def design_page(
     return Page(
         title_of(design),
         f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
-        f"{extras} Step from {start} to {goal}. {reason_text(design)}".rstrip(),
+        f"{extras} Step from {start} to {goal}.",
         " ".join(said if design.evaluation.step.diverged_at is None else reversed(said)),
         (*sections, *([files_section(files)] if files else [])),
-        Settings(design_settings(design.synthesis, design.evaluation)),
-        Provenance(shlex.join(command), s.seed),
+        command,
+        s.seed,
+        design_settings(design.synthesis, design.evaluation),
         key_numbers(design),
         [Badge(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text],
         _details(design),
@@ -277,23 +278,13 @@ def verdict(design: PoseEvidence) -> str:
         status = replace(
             status, not_proved=tuple(text for text in status.not_proved if text not in step_proof.missing)
         )
-    parts = [status.line, reason_text(design), _headline(design)]
+    parts = [status.line, scope_text(design), _headline(design)]
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(e.step, design.mujoco, units_of(e))}.")
     if design.rigid is not None:
         loops = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
         parts.append(f"The rigid design on the same robot: {'; '.join(loops)}.")
     return " ".join(filter(None, parts))
-
-
-def reason_text(design: PoseEvidence) -> str:
-    """Why a design is of one pose, and not for the workspace: the first option that says so."""
-    fields = design.specification.pose_fields_stated
-    names = [FIELDS[name].option.split("/")[getattr(design.specification, name) is False] for name in fields]
-    text = (
-        "This is a design of one pose, because {} is stated; without it one controller serves the workspace."
-    )
-    return text.format(names[0]) if names else ""
 
 
 def title_of(design: PoseEvidence) -> str:
@@ -331,6 +322,24 @@ def design_statuses(verdict: DesignVerdict) -> list[Badge]:
     if verdict.missed:
         return [Badge("not met", f"{verdict.unmet}.")]
     return [] if verdict.met else [Badge("not judged", f"{verdict.brief}.")]
+
+
+def controller_text(s: Specification, task: str) -> str:
+    """Which law and estimator serve what task, as every page and terminal begins to say it."""
+    return f"One controller (law {s.law}, estimator {s.estimator}) for {task}"
+
+
+def pose_task(pose: str) -> str:
+    """The task of one pose in words, with the option that states it."""
+    return f"one pose, {pose} (--pose)"
+
+
+def scope_text(design: PoseEvidence) -> str:
+    """Law, estimator and pose of a design, and in which motions it was tested."""
+    s, slides = design.specification, design.robot.links.slides
+    goal = pose_text(design.goal, slides, units_of(design.evaluation).degrees)
+    move = " and in the step to it" if s.move is None else ", in the step to it and in the stated move"
+    return f"{controller_text(s, pose_task(goal))}, tested at rest there{move}."
 
 
 def requirements_text(lines: Sequence[Requirement], of: str = "") -> str:
@@ -374,10 +383,10 @@ def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str
     return f"{number(float(np.max(values)), digits)} {unit}{in_joint(joint, design.robot.joint_names)}"
 
 
-def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
+def key_numbers(design: PoseEvidence) -> list[Fact]:
     """The numbers that matter most, of the nominal robot, with the worst of the sampled ones beside."""
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
-    response, m, samples, numbers = e.step, e.margins, e.step_samples, list[KeyNumber]()
+    response, m, samples, numbers = e.step, e.margins, e.step_samples, list[Fact]()
     for name, metric, value, joint, unit in (
         ("settling time", "settling", rounded(response.settling.value), response.settling.joint, "s"),
         ("overshoot", "overshoot", rounded(response.overshoot.value, 2), response.overshoot.joint, "%"),
@@ -392,19 +401,19 @@ def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
                 text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
             where = "; ".join(filter(None, (where, text)))
         unit = "" if never else units_of(e).of(unit, joint)
-        numbers.append(KeyNumber(name, "not settled" if never else value, unit, where))
+        numbers.append(Fact(name, "not settled" if never else value, unit, where))
     if not m.stable:
-        return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
+        return [*numbers, Fact("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
     numbers += [
-        KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
-        KeyNumber(
+        Fact("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
+        Fact(
             "gain margin",
             f"× {number(m.gain_margin, 3)}",
             note=f"one input{in_joint(joints[m.weakest_input], joints)}; all at once × {number(low, 2)} to "
             f"× {number(high, 3)}",
         ),
-        KeyNumber(
+        Fact(
             "delay margin",
             rounded(1e3 * m.delay_margin_s),
             "ms",
@@ -413,7 +422,7 @@ def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
     ]
     if e.corners is not None:
         which = "all of the tolerances" if e.corners.complete else "sampled"
-        numbers.append(KeyNumber("unstable corners", e.corners.unstable, f"of {e.corners.count}", which))
+        numbers.append(Fact("unstable corners", e.corners.unstable, f"of {e.corners.count}", which))
     return numbers
 
 
@@ -510,3 +519,19 @@ def files_section(files: Sequence[str]) -> Section:
     return Section(
         "Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files", brief=brief
     )
+
+
+def report_files(
+    page: Page, numbers: str, others: Mapping[str, str | bytes] | None = None
+) -> dict[str, str | bytes]:
+    """The files of a report: the page, which lists the others, its numbers under this name, and the `others`."""
+    files = {**(others or {}), numbers: to_json(page.numbers)}
+    whole = replace(page, sections=(*page.sections, files_section([*files])))
+    return {"index.html": whole.html(), **files}
+
+
+def write_page(folder: Path, what: str, page: Page) -> Path:
+    """Write index.html of a folder, whole or not at all; returns its path."""
+    text, path = page.html(), folder / "index.html"
+    write_file(path, what, lambda name: Path(name).write_text(text, encoding="utf-8"))
+    return path

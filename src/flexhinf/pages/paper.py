@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
@@ -41,17 +40,14 @@ from flexhinf.report import (
     SERIES,
     Claims,
     Column,
+    Fact,
     Figure,
     JudgedClaim,
-    KeyNumber,
     Listing,
     Page,
     PageBlock,
     Paragraph,
-    Provenance,
     Section,
-    Setting,
-    Settings,
     Table,
     by_verdict,
     figure_to_svg,
@@ -340,35 +336,54 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     )
 
 
-def draw_evidence(setup: PaperSetup, claim: JudgedClaim) -> Figure | None:
-    """The figure of a claim's evidence, of the claims that have one."""
-    draw: dict[str, Any] = {"gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure}
-    return draw[claim.id](setup, claim.data) if claim.id in draw else None
+#: Figures of the evidence, by the claims that have one.
+EVIDENCE: dict[str, Callable[[PaperSetup, Any], Figure | None]] = {
+    "gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure,
+}  # fmt: skip
+
+
+class PaperDrawings:
+    """The figures of the paper as SVG, by their numbers there, and those of the evidence, by the claims.
+
+    Each is drawn once, as soon as its numbers are known.
+    """
+
+    def __init__(self) -> None:
+        self.figures: dict[str, str] = {}
+        self.evidence: dict[str, Figure | None] = {}
+
+    def draw(self, setup: PaperSetup, claim: JudgedClaim | None = None) -> None:
+        """Draw the figures of the paper, or that of a claim, if they are not there yet."""
+        if claim is None:
+            self.figures = self.figures or {number: draw(setup) for number, (_, _, draw) in FIGURES.items()}
+        elif claim.id in EVIDENCE and claim.id not in self.evidence:
+            self.evidence[claim.id] = EVIDENCE[claim.id](setup, claim.data)
 
 
 # Page ------------------------------------------------------------------------------------------------
-def draw_figures(setup: PaperSetup) -> dict[str, str]:
-    """The figures of the paper as SVG, by their numbers there."""
-    return {number: draw(setup) for number, (_, _, draw) in FIGURES.items()}
+def paper_files(reproduction: Reproduction, drawings: PaperDrawings | None = None) -> dict[str, str]:
+    """Files of the report: index.html, metrics.json, and every figure of the paper, figure_03.svg … figure_12.svg.
 
-
-def paper_files(reproduction: Reproduction) -> dict[str, str]:
-    """Files of the report: index.html, metrics.json, and every figure of the paper."""
+    `drawings`: what is drawn already.
+    """
+    drawings = drawings or PaperDrawings()
+    for claim in (None, *reproduction.claims, *reproduction.questions):
+        drawings.draw(reproduction.setup, claim)
     return {
-        "index.html": _page(reproduction).html(),
+        "index.html": _page(reproduction, drawings).html(),
         "metrics.json": to_json(reproduction.metrics),
-        **{f"figure_{number}.svg": reproduction.drawings[number] for number in FIGURES},
+        **{f"figure_{number}.svg": drawing for number, drawing in drawings.figures.items()},
     }
 
 
-def _page(reproduction: Reproduction) -> Page:
-    setup, claims, drawings = reproduction.setup, reproduction.claims, reproduction.drawings
+def _page(reproduction: Reproduction, drawings: PaperDrawings) -> Page:
+    setup, claims = reproduction.setup, reproduction.claims
     counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
     for number, (title, caption, _) in FIGURES.items():
         text = caption if isinstance(caption, str) else caption(setup)
         figures.append(
-            Figure(f"figure-{number}", drawings[number], f"{title} {text}", f"Figure {int(number)}")
+            Figure(f"figure-{number}", drawings.figures[number], f"{title} {text}", f"Figure {int(number)}")
         )
         if number == "09":
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
@@ -376,7 +391,7 @@ def _page(reproduction: Reproduction) -> Page:
     def evidence(claims: Sequence[JudgedClaim]) -> list[JudgedClaim]:  # those that fail first
         numbered: list[JudgedClaim] = []
         for claim in by_verdict(claims):
-            blocks = filter(None, (*claim.blocks, reproduction.evidence[claim.id]))
+            blocks = filter(None, (*claim.blocks, drawings.evidence.get(claim.id)))
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 
@@ -456,9 +471,10 @@ def _page(reproduction: Reproduction) -> Page:
                 "law",
             ),
         ),
-        Settings(_settings(setup)),
-        Provenance(shlex.join(reproduction.command), setup.settings.seed),
-        _key_numbers(setup),
+        reproduction.command,
+        setup.settings.seed,
+        _settings(setup),
+        _facts(setup),
     )
 
 
@@ -471,25 +487,25 @@ def _numbered(block: PageBlock, counters: Mapping[str, Iterator[int]]) -> Figure
     return replace(block, id=f"figure-{k}", label=f"Figure {k}")
 
 
-def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
+def _facts(setup: PaperSetup) -> list[Fact]:
     ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
-        KeyNumber(
+        Fact(
             "γ* of the paper's problem",
             f"{setup.gamma_star:.4f}",
             note=f"the smallest feasible one, {HANGING}",
         ),
-        KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
+        Fact("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
         own, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
         overshoot = ("diverged", "") if own is None else (round(own, 2), "%")
         note = "L-H∞ diverged" if linear is None else f"L-H∞: {linear:.1f} %"
-        numbers.append(KeyNumber(f"overshoot, {goal} step", *overshoot, note))
+        numbers.append(Fact(f"overshoot, {goal} step", *overshoot, note))
     return numbers
 
 
-def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
+def _settings(setup: PaperSetup) -> dict[str, list[Fact]]:
     s, steps = setup.settings, [setup.loop(setup.nonlinear, coil, None).sub_steps for coil in (False, True)]
     units = {"period": "s", "process_noise": "q of Rᵛ = q I", "measurement_noise": "rad²"}
     rows = {
@@ -528,4 +544,4 @@ def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
             ("disturbance frequency", FREQUENCY, "Hz", "ours"),
         ],
     }
-    return {name: [Setting(*row) for row in group] for name, group in rows.items()}
+    return {name: [Fact(*row) for row in group] for name, group in rows.items()}

@@ -1,4 +1,4 @@
-"""Pictures by which robots and designs show themselves, in a notebook and on the page of a check."""
+"""Pictures by which robots, designs and loops show themselves, in a notebook and on the page of a check."""
 
 # Not checked strictly: parts of Matplotlib have no types.
 # pyright: reportUnknownMemberType=false
@@ -6,26 +6,21 @@
 from __future__ import annotations
 
 import math
-import re
 from base64 import b64encode
-from contextlib import suppress
-from functools import singledispatch
-from html import escape, unescape
+from collections.abc import Iterable
+from html import escape
 
 import numpy as np
 
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.result import Design
-from flexhinf.design.stored import StoredReport
-from flexhinf.design.workspace.evidence import WorkspaceEvidence
-from flexhinf.errors import InvalidInput
+from flexhinf.analysis import FrequencyResponse, Margins
+from flexhinf.designs.result import BODE, Design
+from flexhinf.loop.simulation.figure import NotebookFigure
+from flexhinf.notebook import PICTURES
 from flexhinf.numerals import number
-from flexhinf.pages.design.overview import lead
 from flexhinf.pages.design.step import arm_plane
 from flexhinf.pages.drawing import figure_block
-from flexhinf.pages.workspace import workspace_lead
+from flexhinf.pages.parts import PARTS
 from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, panels
-from flexhinf.report.figure import standalone
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
 
@@ -92,59 +87,65 @@ def robot_picture(robot: Robot) -> Figure | None:
     )
 
 
-@singledispatch
-def pictures_of(result: object) -> list[Figure]:
-    """The pictures of a result; none where it has none."""
-    return []
+@PICTURES.register(Robot)
+def _(robot: Robot) -> str:
+    picture = robot_picture(robot)
+    return "" if picture is None else on_white([picture])
 
 
-@pictures_of.register
-def _(result: Robot) -> list[Figure]:
-    picture = robot_picture(result)
-    return [] if picture is None else [picture]
+@PICTURES.register(Design)
+def _(design: Design) -> str:
+    return on_white(PARTS(design.evidence).figures())
 
 
-@pictures_of.register
-def _(result: Design) -> list[Figure]:
-    evidence = result.evidence
-    if isinstance(evidence, PoseEvidence):
-        return lead(evidence)
-    if isinstance(evidence, WorkspaceEvidence):
-        return workspace_lead(evidence)
-    return stored_lead(evidence) if isinstance(evidence, StoredReport) else []
-
-
-#: The drawings that the page of a design begins with, each with its label and its caption.
-_LEAD = re.compile(
-    r'<figure id="figure-(result(?:-arm)?)"[^>]*><div class="drawing">(<svg.*?</svg>)</div>'
-    r"<figcaption[^>]*>(?:<strong>(.*?)\.</strong>)?(.*?)</figcaption>",
-    re.DOTALL,
-)
-
-
-def stored_lead(report: StoredReport) -> list[Figure]:
-    """What the page in the folder of a design begins with; nothing where it was changed or has gone."""
-    with suppress(InvalidInput):
-        page = report.files.get("index.html", "")
-        text = page if isinstance(page, str) else page.decode()
-        return [
-            Figure(name, standalone(svg), _plain(said), _plain(called))
-            for name, svg, called, said in _LEAD.findall(text)
-        ]
-    return []
-
-
-def _plain(html: str) -> str:
-    return unescape(re.sub(r"<[^>]*>", "", html)).strip()
-
-
-def notebook_pictures(result: object) -> str:
-    """The pictures of a result as HTML, on white: a notebook may have other colours."""
-    figures = (
+def on_white(figures: Iterable[Figure]) -> str:
+    """Figures as HTML, on white: a notebook may have other colours."""
+    return "".join(
         '<figure style="margin: 0.5em 0; max-width: 36em">'
         f'<img style="width: 100%; background: white" alt="{escape(figure.label)}" '
         f'src="data:image/svg+xml;base64,{b64encode(figure.svg.encode()).decode()}">'
         f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
-        for figure in pictures_of(result)
+        for figure in figures
     )
-    return "".join(figures)
+
+
+#: Decibels below the largest value that a Bode diagram shows.
+DEPTH_DB = 120.0
+
+
+@BODE.register(FrequencyResponse)
+@house_style()
+def bode_figure(response: FrequencyResponse) -> NotebookFigure:
+    """Magnitude and phase of L_i, opened at one input with the others closed, over the frequency in Hz.
+
+    A dot on the magnitude is where the gain may rise to 1 at the edge of stability: its distance from 0 dB is the gain
+    margin upwards.
+    """
+    figure = NotebookFigure(figsize=(7.0, 4.6), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    linear = response.linear
+    below_end = response.frequencies <= 0.97 * np.pi / linear.period  # at its end the phase jumps
+    hertz = response.frequencies[below_end] / (2.0 * np.pi)
+    factors = Margins(linear).gain_margins[:, 1]
+    for i, name in enumerate(linear.inputs):
+        opened, colour = response.input_loops[below_end, i], SERIES[i % len(SERIES)]
+        decibel = 20.0 * np.log10(np.maximum(np.abs(opened), 1e-300))
+        phase = np.degrees(np.unwrap(np.angle(opened)))
+        phase -= 360.0 * np.ceil(phase[0] / 360.0)  # begins in (−360°, 0°]
+        above.plot(hertz, decibel, color=colour, label=name.replace("_", " "))
+        below.plot(hertz, phase, color=colour)
+        if np.isfinite(factors[i]):
+            critical = np.argmin(np.abs(opened + 1.0 / factors[i]))
+            text = f"gain margin × {factors[i]:.3g}" if len(linear.inputs) == 1 else None
+            above.plot(hertz[critical], decibel[critical], "o", color=colour, markersize=5.0, label=text)
+    above.axhline(0.0, color=MUTED, linewidth=0.8, linestyle=":")
+    below.axhline(-180.0, color=MUTED, linewidth=0.8, linestyle=":")
+    above.set_xscale("log")
+    low, high = above.get_ylim()
+    above.set_ylim(bottom=max(low, high - DEPTH_DB))
+    label(above, "open loop", "dB")
+    label(below, "phase", "°")
+    below.set_xlabel("frequency (Hz)")
+    figure.align_ylabels([above, below])
+    legend(above)
+    return figure

@@ -1,12 +1,10 @@
-"""Report of a run of a deployed controller: deadlines, requirements, tracking, effort and the controller's status; as a
-page, in files, and for a terminal."""
+"""Report of a run of a deployed controller: requirements, deadlines, tracking, effort, the controller's status."""
 
 # Not checked strictly: parts of Matplotlib have no types.
 # pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -16,22 +14,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.design.deployed_run import DeployedRun
-from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Move
+from flexhinf.designs.deployed_run import DeployedRun
+from flexhinf.designs.requirements import Requirement
+from flexhinf.designs.responses import Move
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
 from flexhinf.export.run_log import write_log
 from flexhinf.loop import Status, Stop
 from flexhinf.loop.controller.signs import SIGNS
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.numerals import number
+from flexhinf.numerals import count_text, number
 from flexhinf.pages.design.overview import arm_picture, lead_height
 from flexhinf.pages.drawing import (
     DASHED,
     Panel,
     Units,
-    count_text,
     draw_figure,
     figure_block,
     joint_panels,
@@ -41,31 +38,28 @@ from flexhinf.pages.drawing import (
 )
 from flexhinf.pages.page import (
     design_statuses,
-    files_section,
+    report_files,
     requirement_table,
     requirements_text,
 )
-from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows
 from flexhinf.pages.terminal import Ending, requirements_screen
 from flexhinf.report import (
     MUTED,
     SERIES,
     Badge,
     Column,
+    Drawing,
+    Fact,
     Figure,
-    KeyNumber,
     Page,
     PageBlock,
-    Provenance,
     Section,
-    Settings,
     Table,
-    finite,
     house_style,
     label,
     legend,
     new_figure,
-    to_json,
 )
 from flexhinf.robot.signals import signal_names
 from flexhinf.stops import STOPS
@@ -282,47 +276,26 @@ def run_files(
 
     `command` runs it again; `stated` are options of the run by their names, for the settings.
     """
-    files: dict[str, str | bytes] = {"run.json": to_json(_numbers(prepared, run))}
+    files = dict[str, str | bytes]()
     if len(run.timing.time):
         with TemporaryDirectory() as folder:
             files["run.csv"] = write_log(run, Path(folder) / "run.csv").read_bytes()
-    return {"index.html": run_page(prepared, run, command, stated, tuple(files)).html(), **files}
+    return report_files(run_page(prepared, run, command, stated), "run.json", files)
 
 
 def run_page(
-    prepared: DeployedRun,
-    run: RealTimeRun,
-    command: Sequence[str],
-    stated: Mapping[str, object],
-    files: Sequence[str] = (),
+    prepared: DeployedRun, run: RealTimeRun, command: Sequence[str], stated: Mapping[str, object]
 ) -> Page:
-    """The page of a run; parameters as for `run_files`, and the names of the files beside it."""
-    robot, lines, timing = prepared.robot, judged_requirements(prepared, run), run.timing
-    s, kind = prepared.plants.specification, "step" if prepared.plan is None else "move"
-    parts: list[tuple[str, str, list[PageBlock], bool, str]] = []
-    with house_style():
-        if lines:
-            table = requirement_table(lines, _units(prepared).degrees)
-            parts.append(
-                (
-                    "specification",
-                    "Requirements",
-                    [table],
-                    True,
-                    f"{sum(line.met for line in lines)} of {len(lines)} met",
-                )
-            )
-        if len(timing.time):
-            late = f"{int(timing.missed.sum())} of {len(timing.time)} deadlines missed"
-            blocks: list[PageBlock] = [_times_figure(timing), _times_table(timing)]
-            parts.append(("timing", "Deadlines and jitter", blocks, True, late if timing.real_time else ""))
-        if _tracked(run):
-            blocks = [_tracking_figure(prepared, run), _joints_table(prepared, run)]
-            parts.append(("tracking", f"Tracking of the {kind}", blocks, False, ""))
-            parts.append(("effort", "Inputs and saturation", _effort(prepared, run), False, ""))
-        parts.append(("status", "What the controller says", _status(run), False, ""))
-    s_rows = [(name.replace("_", " "), value, "", "") for name, value in stated.items()]
+    """The report of a run; parameters as for `run_files`."""
+    robot, lines, timing, plants = (
+        prepared.robot,
+        judged_requirements(prepared, run),
+        run.timing,
+        prepared.plants,
+    )
+    kind, tracked = "step" if prepared.plan is None else "move", _tracked(run)
     verdict, more = _sentences(prepared, run)
+    sensors = [] if plants.specification.estimator == "none" else sensor_rows(plants)
     return Page(
         f"A run of the {kind} on {robot.name}",
         f"The deployed controller drives the robot “{robot.name}” in MuJoCo, "
@@ -330,20 +303,75 @@ def run_page(
         f"{'measurement noise' if prepared.arguments['noise'] is not None else 'exact measurements'}.",
         verdict,
         (
-            *(Section(title, tuple(blocks), anchor, unfolded, brief=brief)
-              for anchor, title, blocks, unfolded, brief in parts),
-            *([files_section(files)] if files else []),
+            _requirements(prepared, lines),
+            _timing(timing),
+            Section(
+                f"Tracking of the {kind}",
+                (lambda: _tracking_figure(prepared, run), _joints_table(prepared, run)) if tracked else (),
+                "tracking",
+                numbers={"joints": prepared.response(run).metrics if tracked else []},
+            ),
+            Section(
+                "Inputs and saturation",
+                _effort(prepared, run) if tracked else (),
+                "effort",
+                numbers={"at_limit": _saturated(prepared, run) if tracked else []},
+            ),
+            _status(run),
         ),
-        Settings(settings_in_groups({
-            "Run": [*s_rows, ("length", float(prepared.arguments["duration"]), "s", "")],
-            "Loop": [*loop_rows(prepared.plants), *([] if s.estimator == "none" else sensor_rows(prepared.plants))],
+        command,
+        plants.specification.seed,
+        {
+            "Run": [
+                *(Fact(name.replace("_", " "), value) for name, value in stated.items()),
+                Fact("length", float(prepared.arguments["duration"]), "s"),
+            ],
+            "Loop": [*loop_rows(plants), *sensors],
             "Robot that is driven": robot_rows(robot),
-        })),
-        Provenance(shlex.join(command), s.seed),
-        _key_numbers(prepared, run),
+        },
+        _facts(prepared, run),
         _statuses(prepared, lines),
         [*more, *run_notes(run)],
-        _lead(prepared, run) if _tracked(run) else [],
+        (lambda: _result_figure(prepared, run), lambda: arm_picture(robot, prepared.response(run))) if tracked else (),
+        {
+            "version": 1, "robot": robot.name, "kind": kind, "verdict": run_verdict(prepared, run),
+            "met": run_met(prepared, run), "design": prepared.design.numbers, "stopped_by_signal": run.stopped,
+            "protective_stop": [str(bit.name).lower() for bit in Stop if bit in run.stop],
+            "start": prepared.start, "goal": prepared.goal, "notes": run_notes(run),
+        },
+    )  # fmt: skip
+
+
+def _requirements(prepared: DeployedRun, lines: Sequence[Requirement]) -> Section:
+    """What is required of the run, where it came to its end."""
+    keys = ("what", "where", "limit", "found", "unit", "met", "judged")
+    return Section(
+        "Requirements",
+        (requirement_table(lines, _units(prepared).degrees),) if lines else (),
+        "specification",
+        True,
+        brief=f"{sum(line.met for line in lines)} of {len(lines)} met",
+        numbers={"requirements": [{key: getattr(line, key) for key in keys} for line in lines]},
+    )
+
+
+def _timing(timing: Timing) -> Section:
+    """When the inputs were there."""
+    count, missed = len(timing.time), int(timing.missed.sum())
+    names = ROWS[timing.real_time].values() if count else ()
+    return Section(
+        "Deadlines and jitter",
+        (lambda: _times_figure(timing), _times_table(timing)) if count else (),
+        "timing",
+        True,
+        brief=f"{missed} of {count} deadlines missed" if timing.real_time else "",
+        numbers={
+            "timing": {
+                "real_time": timing.real_time, "period_s": timing.period, "samples": count,
+                "elapsed_s": timing.elapsed, "missed": missed, "overrun": int(timing.overrun.sum()),
+                "percentiles_s": {name: percentiles(getattr(timing, name)) for name in names},
+            }
+        },
     )  # fmt: skip
 
 
@@ -382,63 +410,45 @@ def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]
     return f"{requirements_text(lines, THIS)} {moved}", [text for text in (own, deadlines) if text]
 
 
-def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
+def _facts(prepared: DeployedRun, run: RealTimeRun) -> list[Fact]:
     """Tracking, effort, and deadlines."""
-    timing, numbers, units = run.timing, list[KeyNumber](), _units(prepared)
+    timing, units, facts = run.timing, _units(prepared), list[Fact]()
     if _tracked(run):
         response = prepared.response(run)
-        named = len(prepared.robot.joint_names) > 1
-        if prepared.plan is not None:
+
+        def fact(name: str, value: float | None, unit: str, joint: str) -> Fact:
+            where = joint if len(units.joints) > 1 else ""
+            if value is None:
+                return Fact(name, "not settled", "", where)
+            return Fact(name, value, units.of(unit, joint), where)
+
+        if prepared.plan is None:
+            settling, overshoot = response.settling, response.overshoot
+            facts = [
+                fact("settling time", rounded(settling.value), "s", settling.joint),
+                fact("overshoot", rounded(overshoot.value), "%", overshoot.joint),
+            ]
+        else:
             worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
             small, factor = units.small
-            value, unit = (
-                rounded(units.factor_of(factor, worst.joint) * worst.value),
-                units.of(small, worst.joint),
-            )
-            numbers.append(KeyNumber("largest error", value, unit, worst.joint if named else ""))
-        else:
-            for name, metric, unit in (
-                ("settling time", response.settling, "s"),
-                ("overshoot", response.overshoot, "%"),
-            ):
-                value = rounded(metric.value)
-                numbers.append(
-                    KeyNumber(
-                        name,
-                        "not settled" if value is None else value,
-                        unit if value is not None else "",
-                        metric.joint if named else "",
-                    )
-                )
-        full = _saturated(prepared, run)
-        numbers += [
-            KeyNumber(
-                "peak input", rounded(response.peak_input), units.of(units.effort, response.peak.joint),
-                response.peak.joint if named else "",
-            ),
-            KeyNumber("at a limit", rounded(100.0 * float(full.max()), 2), "% of the samples"),
-        ]  # fmt: skip
-    if len(timing.time):
-        step, late = percentiles(timing.computed), percentiles(timing.woken)
-        if timing.real_time:
-            numbers.append(KeyNumber("missed deadlines", int(timing.missed.sum()), f"of {len(timing.time)}"))
-            numbers.append(
-                KeyNumber(
-                    "jitter",
-                    rounded(1e6 * late["p99.9"]),
-                    "µs",
-                    f"99.9 % of samples; largest {1e6 * late['max']:.0f} µs",
-                )
-            )
-        numbers.append(
-            KeyNumber(
-                "controller's step",
-                rounded(1e6 * step["p50"]),
-                "µs",
-                f"median; period {number(1e6 * timing.period)} µs, largest {1e6 * step['max']:.0f} µs",
-            )
-        )
-    return numbers
+            size = rounded(units.factor_of(factor, worst.joint) * worst.value)
+            facts = [fact("largest error", size, small, worst.joint)]
+        full = rounded(100.0 * float(_saturated(prepared, run).max()), 2)
+        facts += [
+            fact("peak input", rounded(response.peak_input), units.effort, response.peak.joint),
+            Fact("at a limit", full, "% of the samples"),
+        ]
+    if not len(timing.time):
+        return facts
+    step, late = percentiles(timing.computed), percentiles(timing.woken)
+    if timing.real_time:
+        note = f"99.9 % of samples; largest {1e6 * late['max']:.0f} µs"
+        facts += [
+            Fact("missed deadlines", int(timing.missed.sum()), f"of {len(timing.time)}"),
+            Fact("jitter", rounded(1e6 * late["p99.9"]), "µs", note),
+        ]
+    note = f"median; period {number(1e6 * timing.period)} µs, largest {1e6 * step['max']:.0f} µs"
+    return [*facts, Fact("controller's step", rounded(1e6 * step["p50"]), "µs", note)]
 
 
 def _saturated(prepared: DeployedRun, run: RealTimeRun) -> np.ndarray:
@@ -462,8 +472,8 @@ def _command(prepared: DeployedRun, run: RealTimeRun) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def _lead(prepared: DeployedRun, run: RealTimeRun) -> list[Figure]:
-    """Links with their command, and inputs; the arm."""
+def _result_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
+    """Links with their command, and inputs."""
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
     links = joint_panels(
         units,
@@ -479,13 +489,11 @@ def _lead(prepared: DeployedRun, run: RealTimeRun) -> list[Figure]:
     for axis, panel in zip(axes, (*links, *inputs)):
         panel.draw(axis)
     legend(axes[0])
-    block = figure_block(
+    return figure_block(
         "result", figure,
         f"Links and inputs as simulated by MuJoCo. Dotted: the command.{_dashed(inputs)}",
         "The run",
     )  # fmt: skip
-    arm = arm_picture(prepared.robot, response)
-    return [block] if arm is None else [block, arm]
 
 
 def _dashed(parts: Sequence[Panel]) -> str:
@@ -514,10 +522,10 @@ def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
     )
 
 
-def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[PageBlock]:
+def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[PageBlock | Drawing]:
+    """Inputs over time, and how large they are."""
     response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
     parts = joint_panels(units, "input", units.effort, time, response.inputs, limits=_bounds(run))
-    figure = draw_figure("effort", parts, f"Inputs as applied.{_dashed(parts)}", "Inputs")
     low, high = run.input_range
     rows = [
         (joint, float(peak_of(u)), float(np.sqrt(np.square(u).mean())), float(a) if np.isfinite(a) else None,
@@ -530,21 +538,33 @@ def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[PageBlock]:
         "joint", Column("peak", units.effort, digits=3), Column("rms", units.effort, digits=3),
         Column("lower limit", units.effort), Column("upper limit", units.effort), Column("at a limit", "%", digits=3),
     )  # fmt: skip
-    return [figure, Table(columns, rows, "Inputs, and the share of the samples at a limit", "table-effort")]
+    table = Table(columns, rows, "Inputs, and the share of the samples at a limit", "table-effort")
+    return [lambda: draw_figure("effort", parts, f"Inputs as applied.{_dashed(parts)}", "Inputs"), table]
 
 
-def _status(run: RealTimeRun) -> list[PageBlock]:
+def _status(run: RealTimeRun) -> Section:
     """What the controller reported."""
-    count, rows = len(run.status), list[Sequence[object]]()
-    for bit in Status:
-        samples = int(np.sum(run.status & bit > 0))
-        first = float(run.trajectory.time[int(np.argmax(run.status & bit > 0))]) if samples else None
-        rows.append((STATUS_SENTENCES[bit].rstrip(","), samples, first))
-    table = Table(
-        ("status", Column("samples", f"of {count}"), Column("first at", "s")), rows,
-        "What the controller watches at run time", "table-status", stacks=True,
-    )  # fmt: skip
-    return [table]
+    said = {bit: run.status & bit > 0 for bit in Status}
+    columns = (
+        Column("status", of=lambda bit: STATUS_SENTENCES[bit].rstrip(",")),
+        Column("samples", f"of {len(run.status)}", of=lambda bit: int(said[bit].sum())),
+        Column(
+            "first at",
+            "s",
+            of=lambda bit: float(run.trajectory.time[int(np.argmax(said[bit]))]) if said[bit].any() else None,
+        ),
+    )
+    title = "What the controller watches at run time"
+    codes = {run.code_names[int(code)]: int(np.sum(run.codes == code)) for code in np.unique(run.codes)}
+    return Section(
+        "What the controller says",
+        (Table.of(columns, [*Status], title, "table-status", stacks=True),),
+        "status",
+        numbers={
+            "status": {str(bit.name).lower(): int(samples.sum()) for bit, samples in said.items()},
+            "codes": codes,
+        },
+    )
 
 
 @house_style()
@@ -573,28 +593,3 @@ def _highest(values: np.ndarray, points: int = 800) -> np.ndarray:
     """Places of the largest values, one out of each of as many neighbourhoods."""
     edges = np.linspace(0, len(values), min(points, len(values)) + 1).astype(int)
     return np.array([a + int(np.argmax(values[a:b])) for a, b in pairwise(edges)])
-
-
-def _numbers(prepared: DeployedRun, run: RealTimeRun) -> dict[str, object]:
-    """Every number of the page, SI units."""
-    timing, keys = run.timing, ("what", "where", "limit", "found", "unit", "met", "judged")
-    lines = judged_requirements(prepared, run)
-    return finite({
-        "version": 1, "robot": prepared.robot.name, "kind": "step" if prepared.plan is None else "move",
-        "verdict": run_verdict(prepared, run), "met": run_met(prepared, run), "design": prepared.design.numbers,
-        "stopped_by_signal": run.stopped,
-        "protective_stop": [str(bit.name).lower() for bit in Stop if bit in run.stop],
-        "start": prepared.start, "goal": prepared.goal, "notes": run_notes(run),
-        "requirements": [{key: getattr(line, key) for key in keys} for line in lines],
-        "joints": prepared.response(run).metrics if _tracked(run) else [],
-        "at_limit": _saturated(prepared, run) if _tracked(run) else [],
-        "timing": {
-            "real_time": timing.real_time, "period_s": timing.period, "samples": len(timing.time),
-            "elapsed_s": timing.elapsed, "missed": int(timing.missed.sum()), "overrun": int(timing.overrun.sum()),
-            "percentiles_s": {
-                field: percentiles(getattr(timing, field)) for field in ROWS[timing.real_time].values()
-            } if len(timing.time) else {},
-        },
-        "status": {str(bit.name).lower(): int(np.sum(run.status & bit > 0)) for bit in Status},
-        "codes": {run.code_names[int(code)]: int(np.sum(run.codes == code)) for code in np.unique(run.codes)},
-    })  # fmt: skip

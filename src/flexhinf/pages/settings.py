@@ -3,75 +3,34 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 
 import numpy as np
 
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.loop_setup import INITIAL_VARIANCE, LoopPlants
-from flexhinf.design.pipeline import Comparison
-from flexhinf.design.responses import ROBOT
-from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.design.synthesis.steps import Synthesis
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.loop_setup import INITIAL_VARIANCE, LoopPlants
+from flexhinf.designs.responses import ROBOT
+from flexhinf.designs.specification import FIELDS, Specification
+from flexhinf.designs.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.numerals import number, power_of
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import Units, listed, units_of
-from flexhinf.report import Setting
+from flexhinf.report import Fact
 from flexhinf.robot import Robot
 from flexhinf.robot.springs import SPRING_DAMPING
 
 #: In the name of a move: its ends, which are in other rows, in the units of the page.
 _ENDS = re.compile(r" from \([^()]*\) to \([^()]*\) (?=in )")
 
-#: Name, value, unit and source.
-Rows = list[tuple[str, object, str, str]]
 
-
-def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
-    """Settings of a comparison in groups: the comparison first, then the design's own law."""
-    own, criterion, runs = comparison.own.evaluation, comparison.criterion, comparison.scenario
-    assert own is not None
-    rows = [
-        ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
-        ("tuned for", criterion.text, "", "ours"),
-        *(
-            (x.label, f"{'≥' if x.at_least else '≤'} {number(x.value)}", x.unit, x.origin)
-            for x in criterion.limits
-        ),
-        ("limit beside margins and noise", criterion.mode, "", "option --tune"),
-        ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
-        (
-            "command",
-            "the whole step at once; the input continues from the one that held the robot",
-            "",
-            "ours",
-        ),
-        ("load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s, in equilibrium at the goal"),
-        ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
-        ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
-    ]
-    return {
-        "Comparison": [Setting(*row) for row in rows],
-        **design_settings(comparison.synthesis, own, region=False),
-    }
-
-
-def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Setting]]:
+def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Fact]]:
     """Settings of a design in groups, in the order in which the design uses them; of its `region` too."""
-    return settings_in_groups(
-        {
-            "Robot": robot_rows(e.setup.true.robot),
-            "Synthesis": _synthesis(synthesis, e, region),
-            "Estimator": _estimator(e),
-            "Simulation": _simulation(e),
-        }
-    )
-
-
-def settings_in_groups(groups: Mapping[str, Rows]) -> dict[str, list[Setting]]:
-    """Rows as settings."""
-    return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
+    return {
+        "Robot": robot_rows(e.setup.true.robot),
+        "Synthesis": _synthesis(synthesis, e, region),
+        "Estimator": _estimator(e),
+        "Simulation": _simulation(e),
+    }
 
 
 def damping_text(robot: Robot) -> str:
@@ -88,15 +47,15 @@ def damping_text(robot: Robot) -> str:
     )
 
 
-def robot_rows(robot: Robot) -> Rows:
+def robot_rows(robot: Robot) -> list[Fact]:
     """Settings: the joints and every number of a robot with its tolerance."""
     spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
     for dry, wet in robot.dry_by_viscous.items():
         spreads[dry] = f"{spreads[wet]} with its viscous friction" if spreads[wet].strip() else ""
     return [
-        ("joints", list(robot.joint_names), "", robot.name),
+        Fact("joints", list(robot.joint_names), "", robot.name),
         *(
-            (
+            Fact(
                 name.replace("_", " "),
                 f"{number(p.value, 6)}{spreads[name]}".rstrip(),
                 "" if p.unit == "1" else p.unit,
@@ -107,20 +66,20 @@ def robot_rows(robot: Robot) -> Rows:
     ]
 
 
-def sensor_rows(setup: LoopPlants) -> Rows:
+def sensor_rows(setup: LoopPlants) -> list[Fact]:
     """Settings: what is measured, and with which noise."""
     plant, source = setup.model, source_of(setup.specification, "measurement_noise")
     return [
-        ("measured", list(plant.outputs), "", source_of(setup.specification, "measured")),
+        Fact("measured", list(plant.outputs), "", source_of(setup.specification, "measured")),
         *(
-            (f"Rⁿ of {name.replace('_', ' ')}", float(value), power_of(plant.unit(name), "²"), source)
+            Fact(f"Rⁿ of {name.replace('_', ' ')}", float(value), power_of(plant.unit(name), "²"), source)
             for name, value in zip(plant.outputs, setup.noise_variances)
         ),
-        ("simulated noise", "white, of these variances", "", "ours"),
+        Fact("simulated noise", "white, of these variances", "", "ours"),
     ]
 
 
-def loop_rows(setup: LoopPlants) -> Rows:
+def loop_rows(setup: LoopPlants) -> list[Fact]:
     """Settings: when an input acts, and the limits of the joints."""
     s, limits, units = setup.specification, setup.limits, Units(setup.model, setup.joints)
     bounds = (
@@ -134,24 +93,24 @@ def loop_rows(setup: LoopPlants) -> Rows:
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if setup.quantisation is None else np.atleast_1d(setup.quantisation).tolist()
     return [
-        ("sampling period", s.period, "s", source_of(s, "period")),
-        (
+        Fact("sampling period", s.period, "s", source_of(s, "period")),
+        Fact(
             "latency, known to the estimator",
             s.known_latency,
             f"sample{'s' * (s.known_latency != 1)}",
             source_of(s, "latency"),
         ),
-        ("delay of the inputs on top of it", s.unknown_delay, "s", source_of(s, "unknown_delay")),
-        (
+        Fact("delay of the inputs on top of it", s.unknown_delay, "s", source_of(s, "unknown_delay")),
+        Fact(
             "quantisation of the measurements",
             quanta[0] if len(set(quanta)) == 1 else quanta,
             "",
             source_of(s, "quantisation"),
         ),
-        ("limits of the inputs", inputs, "", stated[0]),
-        ("limits of the speeds", speeds, "", stated[1]),
+        Fact("limits of the inputs", inputs, "", stated[0]),
+        Fact("limits of the speeds", speeds, "", stated[1]),
         *(
-            (f"limits of the inputs' {name}s", units.effort_text(most), f"per {time}", ROBOT)
+            Fact(f"limits of the inputs' {name}s", units.effort_text(most), f"per {time}", ROBOT)
             for name, most, time in (("rate", limits.rate, "s"), ("acceleration", limits.acceleration, "s²"))
             if np.isfinite(most).any()
         ),
@@ -167,39 +126,45 @@ def source_of(s: Specification, name: str, otherwise: str = "") -> str:
     return f"{'default of' if default else 'option'} {FIELDS[name].switch}"
 
 
-def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
+def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> list[Fact]:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
     proved, degrees = synthesis.proved, [c.degree for c in synthesis.choices]
-    counted, last = "for the number of states", Rows()
+    counted, last = "for the number of states", list[Fact]()
     if region and proved is None:
         checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
         last = [
-            ("checked γ/γ*", s.checked_gamma_ratio, "", source_of(s, "checked_gamma_ratio")),
-            ("checked penalty", checked, "", source_of(s, "checked_penalty")),
-            ("rays", synthesis.rays, "", source_of(s, "rays", counted)),
+            Fact("checked γ/γ*", s.checked_gamma_ratio, "", source_of(s, "checked_gamma_ratio")),
+            Fact("checked penalty", checked, "", source_of(s, "checked_penalty")),
+            Fact("rays", synthesis.rays, "", source_of(s, "rays", counted)),
         ]
     if proved is not None:
         source = source_of(s, "checked_penalty", "the robot's own, or Eq. (11)")
         last = [
-            ("γ that is proved", proved.gamma, "", "searched"),
-            ("penalty whose gain is proved", str(proved.problem.penalty.states), "", source),
-            ("R2 of that penalty", proved.problem.r2, "", source),
+            Fact("γ that is proved", proved.gamma, "", "searched"),
+            Fact("penalty whose gain is proved", str(proved.problem.penalty.states), "", source),
+            Fact("R2 of that penalty", proved.problem.r2, "", source),
         ]
-    home = "the robot's home" if s.move is None else "the last waypoint of --move"
     return [
-        ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        ("pose", *_positions(e, synthesis.goal), source_of(s, "pose", home)),
+        Fact("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
+        Fact("pose", *_positions(e, synthesis.goal), source_of(s, "pose")),
         *(
-            (f"weight of {name.replace('_', ' ')}", weight, unit, chosen.source)
+            Fact(f"weight of {name.replace('_', ' ')}", weight, unit, chosen.source)
             for name, weight, unit in state_weights(problem, e.setup.joints)
         ),
-        ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
-        ("disturbances", list(problem.disturbance_names), "", source_of(s, "disturbances")),
-        ("integrated errors", list(problem.integrate), "", "ours"),
-        ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
-        ("γ/γ*", chosen.gamma / chosen.gamma_star, "", "searched" if proved else source_of(s, "gamma_ratio")),
-        ("degrees of V tried", degrees, "", "option --degrees" if s.degrees else counted),
-        ("degree of V", synthesis.chosen.degree, "", "by the cost of the step" if len(degrees) > 1 else ""),
+        Fact("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
+        Fact("disturbances", list(problem.disturbance_names), "", source_of(s, "disturbances")),
+        Fact("integrated errors", list(problem.integrate), "", "ours"),
+        Fact("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
+        Fact(
+            "γ/γ*",
+            chosen.gamma / chosen.gamma_star,
+            "",
+            "searched" if proved else source_of(s, "gamma_ratio"),
+        ),
+        Fact("degrees of V tried", degrees, "", "option --degrees" if s.degrees else counted),
+        Fact(
+            "degree of V", synthesis.chosen.degree, "", "by the cost of the step" if len(degrees) > 1 else ""
+        ),
         *last,
     ]
 
@@ -211,11 +176,11 @@ def _positions(e: LawEvaluation, values: np.ndarray) -> tuple[np.ndarray, str]:
     return units.scale * values, ", ".join(own[:1] if len(set(own)) == 1 else own)
 
 
-def _estimator(e: LawEvaluation) -> Rows:
+def _estimator(e: LawEvaluation) -> list[Fact]:
     s, noise = e.setup.specification, e.setup.process_noise
-    own: Rows = [("estimator", s.estimator, "", source_of(s, "estimator"))]
+    own: list[Fact] = [Fact("estimator", s.estimator, "", source_of(s, "estimator"))]
     if s.estimator == "none":
-        return [*own, ("fed back", "the true state", "", "option --estimator none")]
+        return [*own, Fact("fed back", "the true state", "", "option --estimator none")]
     links, motors = (
         list(levels) if isinstance(levels, tuple) else levels
         for levels in (noise.link_velocities, noise.motor_velocities)
@@ -224,65 +189,65 @@ def _estimator(e: LawEvaluation) -> Rows:
     return [
         *own,
         *sensor_rows(e.setup),
-        ("Rᵛ on every state", noise.all_states, "per sample", noise.source),
-        ("Rᵛ on link velocities, added", links, "per sample", noise.source),
-        ("Rᵛ on motor velocities, added", motors, "per sample", noise.source),
-        ("initial estimate", "the equilibrium at the start of the run", "", "ours"),
-        ("P0", initial if noise.largest else f"{INITIAL_VARIANCE:g} I", "", "ours"),
-        ("model", "the nominal robot without extras", "", "ours"),
-        *([("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")] if s.estimator == "ukf" else []),
+        Fact("Rᵛ on every state", noise.all_states, "per sample", noise.source),
+        Fact("Rᵛ on link velocities, added", links, "per sample", noise.source),
+        Fact("Rᵛ on motor velocities, added", motors, "per sample", noise.source),
+        Fact("initial estimate", "the equilibrium at the start of the run", "", "ours"),
+        Fact("P0", initial if noise.largest else f"{INITIAL_VARIANCE:g} I", "", "ours"),
+        Fact("model", "the nominal robot without extras", "", "ours"),
+        *([Fact("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")] if s.estimator == "ukf" else []),
     ]
 
 
-def _simulation(e: LawEvaluation) -> Rows:
+def _simulation(e: LawEvaluation) -> list[Fact]:
     s, runs, filter, zone = e.setup.specification, e.scenario, e.loop.filter, e.setup.dead_zone
     size, unit = ("none", "") if zone is None else _positions(e, zone)
     assert runs is not None
     extras = f", with {', '.join(e.setup.extras)}" if e.setup.extras else ", no extras"
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
-    rows: Rows = [
-        (
+    rows: list[Fact] = [
+        Fact(
             "start pose",
             *_positions(e, e.setup.start),
             source_of(s, "start", "ours: 0.1 rad (10 mm) from the goal"),
         ),
-        (
+        Fact(
             "command",
             "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
             "",
             source_of(s, "shaping"),
         ),
-        ("move", _ENDS.sub(" ", runs.plan.name), "", source_of(s, "move", "ours: the way of the step")),
-        ("true plant", f"nominal numbers{extras}", "", source_of(s, "extras")),
-        (
+        Fact("move", _ENDS.sub(" ", runs.plan.name), "", source_of(s, "move", "ours: the way of the step")),
+        Fact("true plant", f"nominal numbers{extras}", "", source_of(s, "extras")),
+        Fact(
             "extras that the linear loop leaves out",
             list(e.setup.left_out) or "none",
             "",
             "ours: their slope at standstill holds only for the smallest velocities",
         ),
         *loop_rows(e.setup),
-        (
+        Fact(
             "dead zone of the integrals",
             size,
             unit,
             source_of(s, "integral_dead_zone", "ours: against limit cycles"),
         ),
-        (
+        Fact(
             "length of the step",
             runs.step_duration,
             "s",
             source_of(s, "duration", "by the slowest mode, 0.5 to 20 s"),
         ),
-        (
+        Fact(
             "load",
             runs.load,
             e.setup.model.unit(e.setup.model.disturbances[0]),
             source_of(s, "load", "a tenth of what the motors give at the peak of the step"),
         ),
-        ("sampled robots", len(runs.robots), "", seed),
-        (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
+        Fact("sampled robots", len(runs.robots), "", seed),
+        Fact(steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
     ]
     if filter is not None:
         most = f"{filter.stages} stages, step × fastest mode ≤ {MODEL_STEP[filter.stages]}"
-        rows.append((steps, filter.sub_steps, "", f"estimator's model: {most}"))
+        rows.append(Fact(steps, filter.sub_steps, "", f"estimator's model: {most}"))
     return rows

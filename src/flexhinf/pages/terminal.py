@@ -14,41 +14,28 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.advice import OF_MOVES, WITHIN
-from flexhinf.design.judgement import STANDSTILL_SHARE
-from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.pipeline import Comparison
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.problem.presets import robust_applies
-from flexhinf.design.problem.weights import vibration_text
-from flexhinf.design.requirements import REQUIREMENTS, Requirement
-from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.design.tuning import RATIOS, TunedLaw
-from flexhinf.design.verdict import UNKNOWN, DesignVerdict
-from flexhinf.design.workspace.judgement import missed_by
-from flexhinf.numerals import number
+from flexhinf.designs.advice import OF_MOVES, WITHIN
+from flexhinf.designs.judge import STANDSTILL_SHARE, missed_by
+from flexhinf.designs.loop_setup import LoopPlants
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.problem.presets import robust_applies
+from flexhinf.designs.problem.weights import vibration_text
+from flexhinf.designs.requirements import REQUIREMENTS, Requirement
+from flexhinf.designs.specification import FIELDS, Specification
+from flexhinf.numerals import count_text
 from flexhinf.options import with_value
-from flexhinf.pages.comparison import (
-    METRICS,
-    cell,
-    comparison_design,
-    comparison_notes,
-    comparison_verdict,
-    ordered_laws,
-    unit_of,
-)
 from flexhinf.pages.design import region
-from flexhinf.pages.drawing import count_text, listed, range_text, units_of
+from flexhinf.pages.drawing import listed, range_text, units_of
 from flexhinf.pages.page import (
     BRIEF,
     key_numbers,
     notes,
-    reason_text,
     requirement_table,
     requirements_text,
     sampled_text,
+    scope_text,
 )
-from flexhinf.report import Column, KeyNumber, Table
+from flexhinf.report import Fact, Page, Table
 from flexhinf.report.blocks import WIDTH
 from flexhinf.robot import Robot
 
@@ -63,16 +50,6 @@ NEAR = 0.2
 
 #: Lines of a screen, without those of the report and of the next command.
 SCREEN = 23
-
-
-#: Metrics of a law in the table of a comparison, with their headings.
-COLUMNS = {
-    "step_settling_s": "settling",
-    "load_deviation": "load",
-    "step_remaining": "remaining",
-    "step_peak_input": "input",
-    "unstable_corners": "unstable",
-}
 
 
 class Ending(NamedTuple):
@@ -106,6 +83,15 @@ def table_screen(table: Table, parts: Sequence[str], notes: Sequence[str] = ()) 
         return replace(table, rows=[*table.rows[:size], *left])
 
     return screen(some, range(count, 0, -1), parts, notes)
+
+
+def page_ending(page: Page, notes: Sequence[str] = ()) -> Ending:
+    """What a page says, below as many rows of its first table for a terminal as leave it room, and notes."""
+    tables = (block for part in page.sections for block in part.present if isinstance(block, Table))
+    table = next(block for block in tables if block.title)
+    return table_screen(
+        table, [" ".join(page.said).replace("`", "")], [text.replace("`", "") for text in notes]
+    )
 
 
 def _noted(notes: Sequence[str], room: int) -> list[str]:
@@ -158,9 +144,9 @@ def _near(line: Requirement) -> bool:
     return not line.met or (line.limit > 0.0 and abs(line.found / line.limit - 1.0) <= NEAR)
 
 
-def numbers_text(numbers: Sequence[KeyNumber]) -> str:
+def numbers_text(numbers: Sequence[Fact]) -> str:
     """Some numbers with their names and units, between commas."""
-    return ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in numbers)
+    return ", ".join(fact.text for fact in numbers)
 
 
 def advice_text(
@@ -251,7 +237,7 @@ def design_ending(design: PoseEvidence) -> Ending:
     """What a terminal says at the end of a design of one pose."""
     risks = "; ".join(design.status.risky)
     parts = (
-        f"{reason_text(design)} {requirements_text(design.requirements)} {_vibration(design)}",
+        f"{requirements_text(design.requirements)} {scope_text(design)} {_vibration(design)}",
         f"Nominal robot: {numbers_text(key_numbers(design))}. {sampled_text(design)} {noise_text(design.setup)}",
         region.brief_proof_text(design),
         f"Risky: {risks}." if risks else "",
@@ -282,56 +268,3 @@ def _advice(design: PoseEvidence) -> str:
         "--preset robust": several and robust_applies(design.robot, design.specification, design.goal),
     }
     return advice_text(missed, design.specification, first, {tolerances_text(design.robot): several})
-
-
-def comparison_ending(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) -> Ending:
-    """What a terminal says at the end: the laws by the criterion, the verdict, that on the design, and what was not
-    compared."""
-    count = len(comparison.compared)
-    parts = [
-        comparison_verdict(comparison),
-        f"{verdict.unmet}." if verdict.missed else comparison_design(comparison),
-    ]
-    sizes = range(count, min(2, count) - 1, -1)
-    return screen(lambda size: _brief_table(comparison, size), sizes, parts, comparison_notes(comparison))
-
-
-def _criterion_text(law: TunedLaw | None) -> str:
-    if law is None:
-        return "–"
-    return f"({number(law.cost, 3)})" if law.missed else number(law.cost, 3)
-
-
-def _brief_table(comparison: Comparison, count: int) -> Table:
-    """The best laws by the criterion, the design among them, with a few numbers of each; those that miss a limit are
-    last, with their criterion in brackets."""
-    metrics = {metric.key: metric for group in METRICS.values() for metric in group}
-    ordered = [comparison.row(law.name) for law, _ in ordered_laws(comparison)]
-    others = [law for law in ordered if law is not comparison.tuned_design][: count - 1]
-    tables = [law for law in ordered if law is comparison.tuned_design or law in others]
-    rows: list[Sequence[object]] = [
-        (
-            law.name,
-            _criterion_text(law.tuned),
-            *(cell(metrics[key], law.metrics.get(key), comparison) for key in COLUMNS),
-            str(sum(line.missed for line in law.requirements)),
-        )
-        for law in tables
-    ]
-    which = f"the best {len(tables)} of {len(ordered)} laws" if ordered[len(tables) :] else "all laws"
-    names = [
-        "\n".join(filter(None, (name, unit_of(metrics[key], comparison)))) for key, name in COLUMNS.items()
-    ]
-    return Table(
-        (
-            "law",
-            *(Column(name, right=True) for name in ("criterion", *names)),
-            Column("not\nmet", right=True),
-        ),
-        rows,
-        title=wrapped(
-            f"{comparison.robot.name}, {which}. Criterion: geometric mean of {listed(list(RATIOS.values()))}, each "
-            "relative to the design; less is better; (in brackets): misses a limit. Every law is tuned for it within "
-            "the specification's limits."
-        ),
-    )

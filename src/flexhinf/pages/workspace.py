@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,43 +9,41 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.copies import shared_out
-from flexhinf.design.advice import Advice
-from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
-from flexhinf.design.specification import FIELDS
-from flexhinf.design.stored import requirement_numbers
-from flexhinf.design.workspace.evidence import WorkspaceEvidence
-from flexhinf.design.workspace.robustness import LATEST, LOUDEST, Robustness
-from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
-from flexhinf.design.workspace.search import BANDWIDTHS
-from flexhinf.design.workspace.setup import (
+from flexhinf.designs.advice import Advice
+from flexhinf.designs.fields import law_of
+from flexhinf.designs.plans import SPEED, STILL, UNLIMITED, shortest_time
+from flexhinf.designs.resting import PoseLoop
+from flexhinf.designs.specification import ESTIMATED_BY, FIELDS
+from flexhinf.designs.workspace.evidence import WorkspaceEvidence
+from flexhinf.designs.workspace.resting_loops import (
     ACCELERATION,
     CHOSEN_POSES,
     CHOSEN_SEED,
-    HOLD,
     OFFSET,
     OFFSET_TIME,
-    PoseLoop,
     corner_damping,
     gain_limit,
     pose_limits,
 )
+from flexhinf.designs.workspace.robustness import LATEST, LOUDEST, Robustness
+from flexhinf.designs.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
+from flexhinf.designs.workspace.search import BANDWIDTHS
+from flexhinf.designs.workspace.setup import HOLD, WorkspaceSetup
 from flexhinf.loop.simulation.metrics import WINDOW, peak_of
-from flexhinf.numerals import number, number_text
+from flexhinf.numerals import count_text, number, number_text
 from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
     Line,
     Panel,
-    count_text,
     draw_figure,
     joint_count,
     joint_panel,
     joint_panels,
     line_style,
     listed,
-    single_line,
 )
-from flexhinf.pages.page import files_section, requirement_table, requirements_text
-from flexhinf.pages.settings import Rows, damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.page import controller_text, files_section, requirement_table, requirements_text
+from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows
 from flexhinf.pages.workspace_proof import (
     PAIRS,
     hypotheses,
@@ -63,8 +60,9 @@ from flexhinf.pages.workspace_summary import (
     key_numbers,
     margin_text,
     missed_text,
+    motions_title,
+    poses_of,
     preset_proof_text,
-    range_of,
     requirements_with_margins,
     scope_text,
     undamped_text,
@@ -75,23 +73,18 @@ from flexhinf.pages.workspace_summary import (
 from flexhinf.report import (
     INK,
     Badge,
+    Fact,
     Figure,
     Page,
     Paragraph,
-    Provenance,
     Section,
-    Settings,
     Table,
-    finite,
     house_style,
 )
 from flexhinf.robot.waypoints import LIMITS
 
 #: The figures of the first screen, of the worst move and of the poses.
 Pictures = tuple[list[Figure], Figure, Figure]
-
-#: What design.json holds of a requirement, besides `requirement_numbers`.
-REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
 
 
 def workspace_page(
@@ -102,8 +95,7 @@ def workspace_page(
     advice: Advice | None = None,
     pictures: Pictures | None = None,
 ) -> Page:
-    """The page of a controller for a workspace; parameters as for `flexhinf.pages.page.design_page`. `pictures`: where
-    they were drawn already."""
+    """The page of a controller for a workspace; parameters as for `design_page`. `pictures`: if drawn already."""
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, design.robustness
     lead, move_figure, pose_figure = pictures or workspace_pictures(design)
@@ -119,7 +111,7 @@ def workspace_page(
             brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met",
         ),
         Section(
-            f"Loops at {len(loops)} poses",
+            f"Loops at {count_text(len(loops), 'pose')}",
             (
                 pose_figure,
                 _pose_table(design),
@@ -132,7 +124,7 @@ def workspace_page(
             True,
         ),
         Section(
-            f"{count_text(len(design.moves), 'move')} between random goals",
+            motions_title(design),
             (
                 move_figure,
                 _move_table(design),
@@ -145,9 +137,9 @@ def workspace_page(
         Section(
             "Margins, tolerance and proof",
             (
-                Paragraph(PAIRS),
+                *([Paragraph(PAIRS)] if setup.pairs is not None else []),
                 _margin_table(design, tolerated),
-                pair_table(setup, tolerated.tolerance, tolerated.proved),
+                *_pairs(setup, tolerated),
                 *_offsets(design, tolerated),
             ),
             "tolerance",
@@ -156,21 +148,18 @@ def workspace_page(
         Section("The law and its estimator", (_law_table(design), _watched(design)), "law"),
     )
     return Page(
-        f"A controller for the workspace of {robot.name}",
+        f"A controller for {'the workspace' if setup.motion is None else 'one pose'} of {robot.name}",
         f"{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: "
         f"{', '.join(s.measured).replace('_', ' ') if s.estimator != 'none' else 'the true state'}.",
-        f"{requirements_text(design.requirements)} One controller serves {range_of(design)}.",
+        f"{requirements_text(design.requirements)} {controller_text(s, poses_of(design))}.",
         (*sections, *([files_section(files)] if files else [])),
-        Settings(
-            settings_in_groups(
-                {
-                    "Robot": robot_rows(setup.true.robot),
-                    "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
-                    "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
-                }
-            )
-        ),
-        Provenance(shlex.join(command), s.seed),
+        command,
+        s.seed,
+        {
+            "Robot": robot_rows(setup.true.robot),
+            "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
+            "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
+        },
         key_numbers(design),
         [
             Badge("met", f"{len(design.requirements)} requirements.")
@@ -186,11 +175,20 @@ def workspace_page(
     )
 
 
+def _pairs(setup: WorkspaceSetup, tolerated: Robustness) -> list[Table]:
+    """What holds for all pairs, of a law that is made of them."""
+    if tolerated.tolerance is None or tolerated.proved is None:
+        return []
+    return [pair_table(setup, tolerated.tolerance, tolerated.proved)]
+
+
 def _proof_statuses(design: WorkspaceEvidence) -> list[Badge]:
     """What is proved, and what is tested alone."""
     tested, proof = "Tested on random samples, not proved.", design.proof
     if proof is None:
-        return [Badge("not proved", f"{tested} {stability_text(design.setup, design.robustness.proved)}")]
+        known = design.robustness.proved
+        stability = "" if known is None else stability_text(design.setup, known)
+        return [Badge("not proved", f"{tested} {stability}".rstrip())]
     held = f" It holds for {numbered_text(hypotheses(proof))}." if proof.is_proved else ""
     kind = "proved" if proof.covers_file else "not proved"
     return [
@@ -273,6 +271,11 @@ def _pose_figure(design: WorkspaceEvidence) -> Figure:
     return draw_figure("poses", [panel], caption, "Damping over the workspace")
 
 
+def _single_line(text: str) -> str:
+    """Replace each space by one at which no line breaks."""
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
+
+
 def _move_table(design: WorkspaceEvidence) -> Table:
     rows, units = list[Sequence[object]](), units_in(design)
     for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
@@ -284,15 +287,16 @@ def _move_table(design: WorkspaceEvidence) -> Table:
                     found = float(chosen([row[key] for row in worst_motion(moves, places)]))
                     scaled = found * units.factor_of(factor, units.joints[places[0]])
                     texts.append(number_text(scaled, own if " or " in unit else "", 3))
-                cells.append(", ".join(single_line(text) for text in texts))
+                cells.append(", ".join(_single_line(text) for text in texts))
             rows.append(tuple(cells))
     speed = design.setup.limits.speed
     speeds = [f"{SPEED:.0%} of the speed limits".replace("%", " %")] if np.isfinite(speed).any() else []
     if not np.isfinite(speed).all():
         speeds.append(f"{SPEED * UNLIMITED:g} rad/s or m/s where none is stated")
+    quintics = f"Moves are quintics with up to {listed(speeds)}, from rest, with feedforward; "
     caption = (
-        "The worst joint of each move: median and largest number of all moves. Moves are quintics with up to "
-        f"{listed(speeds)}, from rest, with feedforward; the remaining error is the largest in the last {WINDOW:g} s. "
+        "The worst joint of each move: median and largest number of all moves. "
+        f"{quintics * (design.setup.motion is None)}the remaining error is the largest in the last {WINDOW:g} s. "
         "The distance from the path is the largest from its nearest point, whether a link is there early or late."
     )
     return Table(("moves of", *_heads(design)), rows, caption, stacks=True)
@@ -317,7 +321,7 @@ def _joint_table(design: WorkspaceEvidence) -> Table:
             cells.append(
                 "–"
                 if worst is None
-                else f"{single_line(number_text(units.factor_of(factor, joint) * values[worst], own, 3))} "
+                else f"{_single_line(number_text(units.factor_of(factor, joint) * values[worst], own, 3))} "
                 f"({_move_name(design, worst)})"
             )
         rows.append(cells)
@@ -423,7 +427,7 @@ def _power_on(design: WorkspaceEvidence) -> list[Paragraph]:
 
 def _margin_table(design: WorkspaceEvidence, tolerated: Robustness) -> Table:
     s = design.specification
-    extra, gain = s.delay_margin_limit or 0.0, gain_limit(s)
+    extra, gain = s.limit("delay_margin"), gain_limit(s)
     rows = [
         ("extra delay on top of the latency, samples", margin_text(tolerated.delay, LATEST), f"≥ {extra:g}"),
         ("the same, springs without damping", margin_text(tolerated.undamped_delay, LATEST), ""),
@@ -455,26 +459,13 @@ def _offsets(design: WorkspaceEvidence, tolerated: Robustness) -> list[Paragraph
 
 def _law_table(design: WorkspaceEvidence) -> Table:
     """What the law and its estimator are made from, and who says so."""
-    setup, s, gains = design.setup, design.specification, design.setup.gains
-    w, r = gains.weights, setup.noise_levels
-    tried = ", ".join(f"{each:g}" for each in BANDWIDTHS)
-    rows = [
-        ("bandwidth ω₀", f"{w.bandwidth:g} rad/s", f"searched among {tried} at {CHOSEN_POSES} poses"),
-        ("largest bandwidth of a soft vibration", f"{w.share:g} × its frequency", "ours"),
-        ("damping ratio of vibrations", f"{w.damping:g}, fading out at {w.fast:g} rad/s", "ours"),
-        ("weight of the integral", f"{w.integral:g}", "ours"),
-        ("γ/γ*", f"{w.gamma:g}", gamma_source(design)),
-        (
-            "motors made alike: √κ, β",
-            f"{number(np.sqrt(gains.motor), 3)} rad/s, {number(gains.damping, 3)} 1/s",
-            "means of the robot's",
-        ),
-    ]
+    setup, s = design.setup, design.specification
+    r, rows = setup.noise_levels, _weight_rows(design)
     if s.estimator != "none":
         stated = s.process_noise is not None or s.torque_noise is not None
         own = " and ".join(f"{100.0 * share:g} %" for share in setup.random)
         rows += [
-            ("estimator", "Kalman filter with the stationary gain of the pose", "ours"),
+            ("estimator", ESTIMATED_BY[s.estimator], "option --estimator, or auto"),
             (
                 "Rᵛ on all states, added on velocities of links, motors",
                 f"{r.all_states:g}, {r.link_velocities:g}, {r.motor_velocities:g}",
@@ -492,11 +483,33 @@ def _law_table(design: WorkspaceEvidence) -> Table:
         why = f"assumed where none is stated: weight and {ACCELERATION:g} rad/s² (m/s²)"
         rows.append(("limits of the motors, for ripple and estimator", limits, why))
     caption = (
-        "`flexhinf.modal.ModalLaw.tuned` makes this law of these `PairWeights`; the gains at a pose are those of its "
-        "vibrations. The search takes the fastest that keeps the requirements on poses with a tenth in reserve, or the "
-        "nearest to that."
+        f"The law is {law_of(s).name}: {law_of(s).description}. The search takes the fastest that keeps the "
+        "requirements on poses with a tenth in reserve, or the nearest to that."
     )
     return Table(("number", "value", "from"), rows, caption, stacks=True)
+
+
+def _weight_rows(design: WorkspaceEvidence) -> list[tuple[str, str, str]]:
+    """Numbers of which the gains of the law are made."""
+    setup, gains = design.setup, design.setup.pairs
+    if gains is None:
+        return [
+            (name.replace("_", " "), ", ".join(f"{value:.4g}" for value in values), "searched, or a default")
+            for name, values in setup.numbers.items()
+        ]
+    w, tried = gains.weights, ", ".join(f"{each:g}" for each in BANDWIDTHS)
+    return [
+        ("bandwidth ω₀", f"{w.bandwidth:g} rad/s", f"searched among {tried} at {CHOSEN_POSES} poses"),
+        ("largest bandwidth of a soft vibration", f"{w.share:g} × its frequency", "ours"),
+        ("damping ratio of vibrations", f"{w.damping:g}, fading out at {w.fast:g} rad/s", "ours"),
+        ("weight of the integral", f"{w.integral:g}", "ours"),
+        ("γ/γ*", f"{w.gamma:g}", gamma_source(design)),
+        (
+            "motors made alike: √κ, β",
+            f"{number(np.sqrt(gains.motor), 3)} rad/s, {number(gains.damping, 3)} 1/s",
+            "means of the robot's",
+        ),
+    ]
 
 
 def _watched(design: WorkspaceEvidence) -> Paragraph:
@@ -534,11 +547,11 @@ def _watched(design: WorkspaceEvidence) -> Paragraph:
     )
 
 
-def _sample_rows(design: WorkspaceEvidence) -> Rows:
+def _sample_rows(design: WorkspaceEvidence) -> list[Fact]:
     """Settings: where the design is judged, by which random numbers."""
     s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.extras)
     units = units_in(design)
-    seed, option = 100 * s.seed, FIELDS["workspace"].option
+    seed, option = 100 * s.seed, FIELDS["workspace" if design.setup.motion is None else "pose"].option
     ranged = s.workspace == LIMITS or space.box is not None
     turning = any(ends is None for ends in design.robot.links.limits)
     ends = (
@@ -547,54 +560,20 @@ def _sample_rows(design: WorkspaceEvidence) -> Rows:
         else f"option {option}"
     )
     return [
-        (
-            "workspace",
-            s.workspace if isinstance(s.workspace, str) else range_of(design),
+        Fact(
+            "task",
+            s.workspace if isinstance(s.workspace, str) else poses_of(design),
             "",
             f"{'default of' if s.workspace == LIMITS else 'option'} {option}",
         ),
-        ("its smallest positions", units.each_text(units.scale * space.lower, units.angle), "", ends),
-        ("its largest positions", units.each_text(units.scale * space.upper, units.angle), "", ends),
-        ("true plant of the moves", f"the robot{dry and f', with {dry}'}", "", "its file, and --extras"),
-        ("poses that are judged", len(design.loops), "", f"seed {POSES_SEED + seed}, as are their corners"),
-        ("moves", len(design.moves), "", f"goals by seed {GOALS_SEED + seed}"),
-        ("moves of robots at corners", len(design.sampled), "", f"seed {SAMPLED_SEED + seed}"),
-        ("poses of the search", CHOSEN_POSES, "", f"seed {CHOSEN_SEED}, whatever --seed"),
-        ("rest at the end of a move", STILL, "s", "ours"),
-    ]
-
-
-def workspace_numbers(design: WorkspaceEvidence) -> dict[str, object]:
-    """What design.json holds of a controller for a workspace."""
-    law, t, run = design.setup.gains, design.robustness, design.power_on
-    return {
-        "version": 1,
-        "kind": "workspace",
-        "robot": design.robot.name,
-        "met": design.met,
-        "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
-        "weights": finite(vars(law.weights)),
-        "random_torques": list(design.setup.random),
-        "requirements": [
-            finite({key: getattr(line, key) for key in REQUIREMENT} | requirement_numbers(line))
-            for line in design.requirements
-        ],
-        "poses": [
-            {"pose": pose.tolist(), **dict(zip(loop._fields, finite(list(loop))))}
-            for pose, loop in zip(design.poses, design.loops)
-        ],
-        "undamped": [[finite(loop.growth) for loop in loops] for loops in design.undamped],
-        "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
-        "goals": design.goals,
-        "left_out": design.left_out,
-        "tolerated": finite(
-            t._asdict() | {"tolerance": t.tolerance.errors.masses._asdict(), "proved": t.proved._asdict()}
+        Fact("its smallest positions", units.each_text(units.scale * space.lower, units.angle), "", ends),
+        Fact("its largest positions", units.each_text(units.scale * space.upper, units.angle), "", ends),
+        Fact("true plant of the moves", f"the robot{dry and f', with {dry}'}", "", "its file, and --extras"),
+        Fact(
+            "poses that are judged", len(design.loops), "", f"seed {POSES_SEED + seed}, as are their corners"
         ),
-        "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
-        "moves": _known(worst_motion(design.moves)),
-        "sampled_moves": _known(worst_motion(design.sampled)),
-    }
-
-
-def _known(rows: list[dict[str, float]]) -> list[dict[str, float | None]]:
-    return [{key: value if np.isfinite(value) else None for key, value in row.items()} for row in rows]
+        Fact("moves", len(design.moves), "", f"goals by seed {GOALS_SEED + seed}"),
+        Fact("moves of robots at corners", len(design.sampled), "", f"seed {SAMPLED_SEED + seed}"),
+        Fact("poses of the search", CHOSEN_POSES, "", f"seed {CHOSEN_SEED}, whatever --seed"),
+        Fact("rest at the end of a move", STILL, "s", "ours"),
+    ]

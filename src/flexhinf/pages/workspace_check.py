@@ -6,10 +6,9 @@ import numpy as np
 
 from flexhinf.certify.checker.arm import CheckedArm
 from flexhinf.certify.checker.moves import CheckedMoves, MovesClaim
-from flexhinf.design.workspace.proof import PairVerdict, of_controller, proved_errors
+from flexhinf.designs.workspace.proof import PairVerdict, of_controller, proved_errors
 from flexhinf.modal.pair_errors import EXACT, Errors, Sector
-from flexhinf.numerals import at_least, number
-from flexhinf.pages.drawing import count_text
+from flexhinf.numerals import at_least, count_text, number
 from flexhinf.pages.workspace_proof import FROZEN, delay_text, errors_text, unlike_text
 
 

@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 
 import numpy as np
 
 from flexhinf.certify.checker.pair_claim import ERRORS
 from flexhinf.certify.checker.pairs import CheckedPairs
-from flexhinf.design.verdict import DesignVerdict
-from flexhinf.design.workspace.law_file import law_numbers
-from flexhinf.design.workspace.moves import ProvedMoves
-from flexhinf.design.workspace.proof import (
+from flexhinf.designs.verdict import DesignVerdict
+from flexhinf.designs.workspace.law_file import pair_numbers
+from flexhinf.designs.workspace.moves import ProvedMoves
+from flexhinf.designs.workspace.proof import (
     RANGE_POSES,
     VERSION,
     WorkspaceProof,
     modal_filter,
     of_controller,
 )
-from flexhinf.design.workspace.search import MODAL_POSES
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.workspace.search import MODAL_POSES
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ProvedRange
 from flexhinf.modal.multipliers import PopovTolerance
 from flexhinf.modal.pair_errors import EXACT, NONE, Errors, Sector
 from flexhinf.modal.unstable import UnstableError
-from flexhinf.numerals import at_least, at_most, number
-from flexhinf.pages.drawing import count_text
+from flexhinf.numerals import at_least, at_most, count_text, number
+from flexhinf.pages.drawing import listed
 from flexhinf.pages.page import design_statuses
-from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows
 from flexhinf.pages.terminal import Ending, screen
 from flexhinf.report import (
     Badge,
     Bullets,
-    KeyNumber,
+    Fact,
     Page,
     Paragraph,
-    Provenance,
     Section,
-    Settings,
     Table,
     finite,
 )
@@ -128,13 +125,7 @@ def errors_text(errors: Errors, of_robots: bool = False) -> str:
         parts.append(f"{_ends_text(1.0 - softer, 1.0 + stiffer, of_robots)} times its stiffness")
     if errors.slope != EXACT:
         parts.append(slope_text(errors.slope, of_robots))
-    return joined(parts)
-
-
-def joined(parts: Sequence[str]) -> str:
-    """A list in a sentence; "" of none."""
-    *others, last = parts or [""]
-    return f"{', '.join(others)} and {last}" if others else last
+    return listed(parts)
 
 
 def slope_text(slope: Sector, of_robots: bool = False) -> str:
@@ -264,7 +255,7 @@ def proof_text(proof: WorkspaceProof) -> str:
         arm = proof.everywhere.checked
         file_errors = file_errors._replace(masses=Sector(arm.lower, arm.upper))
         where = "" if arm.low is None else "at every pose of the workspace"
-    without = joined(proof.without)
+    without = listed(proof.without)
     if checked is None:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
@@ -458,7 +449,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
         Paragraph(f"{proof_text(proof)} It holds for:"),
         Bullets(hypotheses(proof), numbered=True),
         Paragraph(_largest_text(proof)),
-        *(Paragraph(text) for text in (moves_text(proof),) if text),
+        Paragraph(moved) if (moved := moves_text(proof)) else None,
         Paragraph(
             "The proof is by matrix inequalities in ball arithmetic, which bounds its own rounding: in each "
             f"of {count_text(intervals, 'interval')} of the vibrations a quadratic storage "
@@ -490,19 +481,14 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
                 "pairs",
             ),
         ),
-        Settings(
-            settings_in_groups(
-                {
-                    "Robot": robot_rows(setup.true.robot),
-                    "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
-                    "Loop": loop_rows(setup),
-                }
-            )
-        ),
-        Provenance(shlex.join(command), s.seed),
-        [KeyNumber("errors that are proved to be tolerated", errors_text(proof.errors))]
-        if proof.checked
-        else [],
+        command,
+        s.seed,
+        {
+            "Robot": robot_rows(setup.true.robot),
+            "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
+            "Loop": loop_rows(setup),
+        },
+        [Fact("errors that are proved to be tolerated", errors_text(proof.errors))] if proof.checked else [],
         [
             Badge("proved" if proof.covers_file and proof.checked else "not proved", proof_text(proof)),
             Badge(
@@ -558,7 +544,7 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, object]:
         "latency": proof.setup.specification.known_latency,
         "unknown_delay": proof.setup.specification.unknown_samples,
         "estimator": modal_filter(proof.setup) is not None,
-        **law_numbers(proof.setup),
+        **pair_numbers(proof.setup),
         "pairs": proof.numbers,
         "everywhere": None if proof.everywhere is None else proof.everywhere.checked._asdict(),
         "arm": None if proof.everywhere is None else proof.everywhere.arm,

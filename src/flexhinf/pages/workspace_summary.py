@@ -10,19 +10,21 @@ from dataclasses import replace
 import numpy as np
 
 from flexhinf.arrays import Number
-from flexhinf.design.advice import Advice, Trial
-from flexhinf.design.requirements import REQUIREMENTS, Requirement
-from flexhinf.design.responses import Move
-from flexhinf.design.verdict import estimated_text
-from flexhinf.design.workspace.evidence import WorkspaceEvidence
-from flexhinf.design.workspace.judgement import UNHELD, missed_by
-from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
-from flexhinf.design.workspace.search import GAMMA, motors_alone
-from flexhinf.design.workspace.setup import OFFSET
+from flexhinf.designs.advice import Advice, Trial
+from flexhinf.designs.judge import UNHELD, missed_by
+from flexhinf.designs.requirements import REQUIREMENTS, Requirement
+from flexhinf.designs.responses import Move
+from flexhinf.designs.specification import Specification
+from flexhinf.designs.task import Task
+from flexhinf.designs.verdict import estimated_text
+from flexhinf.designs.workspace.evidence import WorkspaceEvidence
+from flexhinf.designs.workspace.resting_loops import OFFSET
+from flexhinf.designs.workspace.robustness import LATEST, LONGER, LOUDEST
+from flexhinf.designs.workspace.search import GAMMA, motors_alone
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.numerals import number
-from flexhinf.pages.drawing import Units, count_text, listed
-from flexhinf.pages.page import requirement_table, requirements_text
+from flexhinf.numerals import count_text, number
+from flexhinf.pages.drawing import Units, listed
+from flexhinf.pages.page import controller_text, pose_task, requirement_table, requirements_text
 from flexhinf.pages.settings import damping_text
 from flexhinf.pages.terminal import (
     Ending,
@@ -32,9 +34,8 @@ from flexhinf.pages.terminal import (
     tolerances_text,
 )
 from flexhinf.pages.workspace_proof import proof_text
-from flexhinf.report import KeyNumber, Table
+from flexhinf.report import Fact, Table
 from flexhinf.robot import Robot
-from flexhinf.robot.elastic import INNER
 from flexhinf.robot.kinematics import heavy_motors
 from flexhinf.robot.waypoints import LIMITS
 
@@ -112,16 +113,19 @@ def estimates_text(robot: Robot) -> str:
 
 def scope_text(design: WorkspaceEvidence) -> str:
     """What was judged, and what is hardly kept."""
-    poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
-    both = ", each with your robot and with robots at the ends of their tolerances"
+    moves = motions_text(design)
+    poses = f"at {poses_text(design)}" if design.setup.motion is None else "at rest there"
+    each = "each with" if len(design.loops) > 1 or len(design.moves) > 1 else "both with"
+    both = f", {each} your robot and with robots at the ends of their tolerances"
     if design.corner_loops and design.sampled:
         further = len(design.sampled) - len(design.moves)
         tested = f"{poses} and in {moves}{both}{f', and in {further} further ones of these' if further > 0 else ''}"
     else:
         tested = f"{poses}{f'{both},' if design.corner_loops else ''} and in {moves}"
-    if design.moves:
+    if any(move.plan.duration for move in design.moves):
         tested += f"; the fastest reached {speed_text(design)}: a larger speed_limit or --peak-speed tests faster ones"
-    scope = f"One controller for {range_of(design)}, tested at {tested}. {noise_text(design.setup)}".rstrip()
+    scope = f"{controller_text(design.specification, poses_of(design))}, tested {tested}."
+    scope = f"{scope} {noise_text(design.setup)}".rstrip()
     if unheld := design.robustness.unheld:
         whose = ", with the largest masses of the tolerances" if design.robot.uncertain else ""
         scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have{whose}."
@@ -130,6 +134,26 @@ def scope_text(design: WorkspaceEvidence) -> str:
         limit = f"{number(design.specification.damped_below_limit, 3)} rad/s"
         scope += f" Vibrations above {limit} are hardly damped (damping {number(fast, 2)})."
     return f"{scope} {nyquist_text(design)}".rstrip()
+
+
+def poses_text(design: WorkspaceEvidence) -> str:
+    """At which poses loops were judged."""
+    return count_text(len(design.loops), "random pose") if design.setup.motion is None else "the pose"
+
+
+def motions_text(design: WorkspaceEvidence) -> str:
+    """Which motions were judged."""
+    motion = design.setup.motion
+    if motion is None:
+        return count_text(len(design.moves), "move")
+    return "the step to it" if motion.jumps else "the move to it"
+
+
+def motions_title(design: WorkspaceEvidence) -> str:
+    """Heading of what motions were judged."""
+    if design.setup.motion is None:
+        return f"{count_text(len(design.moves), 'move')} between random goals"
+    return f"{motions_text(design)[4:].capitalize()}, {count_text(len(design.sampled) + 1, 'run')}"
 
 
 def nyquist_text(design: WorkspaceEvidence) -> str:
@@ -149,11 +173,11 @@ def nyquist_text(design: WorkspaceEvidence) -> str:
 def speed_text(design: WorkspaceEvidence) -> str:
     """The largest planned speed of the moves, of joints that turn and of joints that slide."""
     largest: dict[str, float] = {}
-    for move in design.moves:
-        time = np.linspace(0.0, move.plan.duration, SPEED_SAMPLES)
-        speeds = np.abs(np.gradient(np.reshape(move.plan(time), (SPEED_SAMPLES, -1)), time, axis=0)).max(
-            axis=0
-        )
+    for plan in (move.plan for move in design.moves):
+        if plan.duration == 0.0:  # a jump has no planned speed
+            continue
+        time = np.linspace(0.0, plan.duration, SPEED_SAMPLES)
+        speeds = np.abs(np.gradient(np.reshape(plan(time), (SPEED_SAMPLES, -1)), time, axis=0)).max(axis=0)
         for speed, slides in zip(speeds.tolist(), design.robot.links.slides):
             unit = "m/s" if slides else "rad/s"
             largest[unit] = max(speed, largest.get(unit, 0.0))
@@ -191,17 +215,17 @@ def _cause_check(design: WorkspaceEvidence) -> str:
 
 def vibration_text(design: WorkspaceEvidence) -> str:
     """The arm's own vibrations with held motors beside the bandwidth of the law."""
-    gains = design.setup.gains
+    gains, bandwidth = design.setup.pairs, design.setup.bandwidth
+    followed = "" if bandwidth is None else f"the controller follows commands up to {bandwidth:.3g} rad/s."
+    if gains is None:
+        return followed[:1].upper() + followed[1:]
     low, high = (f"{float(end):.0f}" for end in np.sqrt(gains.ends))
     fastest = (
         "" if design.robot.rigid else f" to {high} (fastest)"
     )  # a rigid joint has a pair and no vibration
     seen = np.pi / design.specification.period
     hidden = f" Samples show no vibration beyond {seen:.0f} rad/s." if np.sqrt(gains.ends[1]) > seen else ""
-    return (
-        f"The arm vibrates at {low} rad/s (slowest){fastest}; the controller follows commands up to "
-        f"{gains.weights.bandwidth:g} rad/s.{hidden}"
-    )
+    return f"The arm vibrates at {low} rad/s (slowest){fastest}; {followed}{hidden}"
 
 
 def missed_text(design: WorkspaceEvidence) -> str:
@@ -230,7 +254,7 @@ def workspace_advice(design: WorkspaceEvidence, advice: Advice | None, most: int
     if advice is not None and advice.found is not None:
         return tried
     return " ".join(
-        filter(None, (tried, _to_check(design), simpler * alone, without * (design.robot.drive in INNER)))
+        filter(None, (tried, _to_check(design), simpler * alone, without * design.robot.drive_kind.inner))
     )
 
 
@@ -317,14 +341,23 @@ def workspace_ending(design: WorkspaceEvidence, advice: Advice | None = None) ->
 
 def undamped_text(design: WorkspaceEvidence) -> str:
     """What is unstable where nothing damps the springs, which decides nothing."""
+    cornered = "robots at corners of the tolerances"
+    places = zip(design.undamped, (("the loop at the pose", "poses"), (f"one of the {cornered}", cornered)))
     counts = [
-        f"{sum(loop.growth >= 1.0 for loop in loops) or 'none'} of {len(loops)} {what}"
-        for loops, what in zip(design.undamped, ("poses", "robots at corners of the tolerances"))
+        _unstable_text(sum(loop.growth >= 1.0 for loop in loops), len(loops), *what)
+        for loops, what in places
         if loops
     ]
     least = min(loop.fast_damping for loops in design.undamped for loop in loops)
     fast = f", damping of fast vibrations {number(least, 2)}" if least < 1.0 else ""
-    return f"Without damping of the springs: {' and '.join(counts)} unstable{fast} (decides nothing)."
+    return f"Without damping of the springs: {' and '.join(counts)}{fast} (decides nothing)."
+
+
+def _unstable_text(count: int, of: int, one: str, several: str) -> str:
+    """How many of some loops are unstable."""
+    if of == 1:
+        return f"{one} is {'unstable' if count else 'stable'}"
+    return f"{count or 'none'} of {of} {several} {'is' if count < 2 else 'are'} unstable"
 
 
 def every_requirement(design: WorkspaceEvidence) -> Table:
@@ -365,14 +398,19 @@ def _starts(design: WorkspaceEvidence) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def range_of(design: WorkspaceEvidence) -> str:
-    """The workspace in words."""
-    space = design.setup.workspace
-    where = (
-        "the joint ranges" if design.specification.workspace == LIMITS else "the stated ranges of the joints"
-    )
+def range_of(task: Task, s: Specification, units: Units) -> str:
+    """The poses that a controller is for, in words."""
+    space, motion = task.space, task.motion
+    if motion is not None:
+        return pose_task(units.each_text(units.scale * motion.goal, units.angle))
+    where = "the joint ranges" if s.workspace == LIMITS else "the stated ranges of the joints"
     where = where if space.path is None else "the stated waypoints"
     return "the stated box in space" if space.box is not None else where
+
+
+def poses_of(design: WorkspaceEvidence) -> str:
+    """As `range_of`, of a design."""
+    return range_of(design.setup.task, design.specification, units_in(design))
 
 
 def worst_motion(moves: Sequence[Move], places: Sequence[int] | None = None) -> list[dict[str, float]]:
@@ -389,7 +427,11 @@ def worst_motion(moves: Sequence[Move], places: Sequence[int] | None = None) -> 
 def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, Number]]:
     """Those of `COLUMNS` that the robot has: title, unit and factor, small deviations in the units of the joints."""
     small, limited = units_in(design).small, design.setup.limits.limits_effort
-    kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
+    rows = [row for move in (*design.moves, *design.sampled) for row in move.motion]
+    measured = {key for row in rows for key in row} if rows else {*COLUMNS}
+    kept = {
+        key: row for key, row in COLUMNS.items() if key in measured and (limited or key != "ripple_percent")
+    }
     return {
         key: (title, unit, 1.0) if unit else (title, small[0], small[1])
         for key, (title, unit) in kept.items()
@@ -412,26 +454,26 @@ def _worst_joint(moves: Sequence[Move], key: str) -> str:
     return max(known, default=(0.0, ""))[1]
 
 
-def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
+def key_numbers(design: WorkspaceEvidence) -> list[Fact]:
     """The worst numbers of poses and moves."""
     moves = (*design.moves, *design.sampled)
     rows, least = worst_motion(moves), min(l.damping for l in (*design.loops, *design.corner_loops))
     below, worst = (
         f"below {number(design.specification.damped_below_limit, 3)} rad/s",
-        f"worst of {len(moves)} moves",
+        design.setup.motions(len(moves)),
     )
-    numbers = [KeyNumber("least damping", number(least, 3), "", below)]
+    numbers = [Fact("least damping", number(least, 3), "", below)]
     for key, (title, unit, factor) in columns_of(design).items():
         values, where = [row[key] for row in rows], worst
         if key == "ripple_percent":  # at rest every pose has one, and its requirement is the same
             values += [loop.ripple for loop in design.loops]
-            where = f"worst of {len(moves)} moves and {len(design.loops)} poses"
+            where = f"{worst}, and {poses_text(design)}"
         units, joint = units_in(design), _worst_joint(moves, key)
         if " or " in unit:
             where = f"{joint}; {where}"
         scale = units.factor_of(factor, joint) if joint else 1.0
         largest = number(scale * float(np.fmax.reduce(values)), 3)
-        numbers.append(KeyNumber(title, largest, units.of(unit, joint), where))
+        numbers.append(Fact(title, largest, units.of(unit, joint), where))
     return numbers
 
 

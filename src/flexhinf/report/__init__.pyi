@@ -9,14 +9,11 @@ from .blocks import (
     Note as Note,
     PageBlock as PageBlock,
     Paragraph as Paragraph,
-    Provenance as Provenance,
-    Setting as Setting,
-    Settings as Settings,
     Table as Table,
     finite as finite,
     to_json as to_json,
-    versions as versions,
 )
+from .facts import Fact as Fact, Provenance as Provenance, Settings as Settings, versions as versions
 from .figure import (
     GRID as GRID,
     INK as INK,
@@ -40,6 +37,7 @@ from .figure import (
 from .folder import (
     check as check,
     contents as contents,
+    is_listed as is_listed,
     is_report as is_report,
     sources as sources,
     unchanged as unchanged,
@@ -49,11 +47,12 @@ from .folder import (
 from .page import (
     Badge as Badge,
     Claims as Claims,
+    Drawing as Drawing,
     JudgedClaim as JudgedClaim,
-    KeyNumber as KeyNumber,
     Page as Page,
     Section as Section,
     Verdict as Verdict,
     by_verdict as by_verdict,
     summary as summary,
+    with_figures as with_figures,
 )

@@ -8,23 +8,20 @@ from __future__ import annotations
 
 import json
 import math
-import platform
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from importlib import metadata
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
-from flexhinf import __version__
 from flexhinf.arrays import Number
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
-from flexhinf.numerals import number, short_numbers, unbroken
+from flexhinf.numerals import number, unbroken
 from flexhinf.report.figure import LIGHT, Film
 
 if TYPE_CHECKING:
@@ -297,8 +294,9 @@ class Column:
     """Head of a table's column and format of its numbers: so many `decimals` (numbers of comparable size get
     common ones), or each with so many significant `digits`.
 
-    For `Table.of` it shows the entry `key` of a record, times `scale`. In a terminal the header is `brief` where it
-    differs, and a column with None is left out; texts are aligned to the `right` too.
+    For `Table.of` it shows the entry `key` of a record, or what `of` makes of the record, times `scale`. In a
+    terminal the header is `brief` where it differs, and a column with None is left out; texts are aligned to the
+    `right` too.
     """
 
     name: str
@@ -309,6 +307,12 @@ class Column:
     scale: Number = 1.0
     brief: str | None = ""
     right: bool = False
+    of: Callable[[Any], object] | None = None
+
+    def cell(self, record: Any) -> Any:
+        """What the column shows of a record."""
+        value: Any = record.get(self.key) if self.of is None else self.of(record)
+        return value if value is None or self.scale == 1.0 else self.scale * value
 
 
 @dataclass(frozen=True)
@@ -350,19 +354,14 @@ class Table(Anchored):
             )
 
     @classmethod
-    def of(
-        cls, columns: Sequence[Column], records: Iterable[Mapping[str, Any]], *others: Any, **named: Any
-    ) -> Table:
-        """Make a table of records: each column shows the entry `key` of a record, times its `scale`."""
-
-        rows = [
-            tuple(
-                value if value is None or column.scale == 1.0 else column.scale * value
-                for column, value in ((column, record.get(column.key)) for column in columns)
-            )
-            for record in records
-        ]
-        return cls(columns, rows, *others, **named)
+    def of(cls, columns: Sequence[Column], records: Iterable[Any], *others: Any, **named: Any) -> Table:
+        """Make a table with a row for each record, of what the columns show of it."""
+        return cls(
+            columns,
+            [tuple(column.cell(record) for column in columns) for record in records],
+            *others,
+            **named,
+        )
 
     @cached_property
     def heads(self) -> list[Column]:
@@ -518,78 +517,3 @@ NAME = 16
 
 #: So do values at the right, which else would leave the other columns no room: names of joints may be long.
 VALUE = 32
-
-
-# Settings and where a page comes from ----------------------------------------------------------------
-@dataclass(frozen=True)
-class Setting:
-    """One number or choice (text, a number, yes or no, None, or a list of these) that had a part in the result, with a
-    note on who says so: ``Table 1``, ``ours``, ``option --period``."""
-
-    name: str
-    value: object
-    unit: str = ""
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class Settings(PageBlock):
-    """Settings in named groups, in the order given."""
-
-    groups: Mapping[str, Sequence[Setting]]
-
-    @property
-    def noted(self) -> bool:
-        """Whether any says where it is from."""
-        return any(row.note for group in self.groups.values() for row in group)
-
-    def html(self) -> str:
-        """The settings as HTML: a table for each group."""
-        parts, noted = "", self.noted
-        last = '<th scope="col">From</th>' * noted
-        for name, group in self.groups.items():
-            rows = ""
-            for row in group:
-                value, note = (prose(short_numbers(text)) for text in (scalar(row.value), row.note))
-                rows += (
-                    f'<tr><th scope="row">{prose(row.name)}</th><td>{value}{unit_html(row.unit)}</td>'
-                    f"{f'<td>{note}</td>' * noted}</tr>"
-                )
-            parts += (
-                f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>'
-                f'<th scope="col">Setting</th><th scope="col">Value</th>{last}</tr></thead>'
-                f"<tbody>{rows}</tbody></table></div>"
-            )
-        return parts
-
-
-@dataclass(frozen=True)
-class Provenance(PageBlock):
-    """Origin of a report: the command that makes it again ("" for a report written from Python),
-    the seed (None where nothing was drawn), and name and version of what had a part, as `versions` finds them."""
-
-    command: str
-    seed: int | None
-    versions: Mapping[str, str] = field(default_factory=lambda: versions())
-
-    def html(self) -> str:
-        """The command as a listing, then seed and versions."""
-        listed = ", ".join(f"{escape(name)} {escape(version)}" for name, version in self.versions.items())
-        seed = "nothing was drawn at random" if self.seed is None else f"seed {self.seed}"
-        again = "<p>Written from Python with the settings above.</p>"
-        if self.command:
-            command = f'<pre class="command"><code>{escape(self.command)}</code></pre>'
-            again = f"<p>This command makes the report again:</p>{command}"
-        return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
-
-
-def versions() -> dict[str, str]:
-    """Versions of the flexhinf that runs, of the packages that it requires, of Python, and the kind of machine."""
-    required = (r for r in metadata.requires("flexhinf") or () if "extra" not in r.partition(";")[2])
-    names = (re.split(r"[^A-Za-z0-9._-]", line.strip(), maxsplit=1)[0] for line in required)
-    return {
-        "flexhinf": __version__,
-        **{name: metadata.version(name) for name in names},
-        "Python": platform.python_version(),
-        "on": f"{platform.system()} {platform.machine()}",
-    }

@@ -53,6 +53,11 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     return all(digest and listed.get(name) == digest for name, digest in digests)
 
 
+def is_listed(path: str | os.PathLike[str], name: str) -> bool:
+    """Whether a report of flexhinf was written with a file of this name."""
+    return name in _texts_of(path, "files")
+
+
 def contents(path: str | os.PathLike[str]) -> dict[str, bytes]:
     """The files of a report by name; InvalidInput where it is none, or one of its files was changed or lost."""
     names, folder = list(_texts_of(path, "files")), Path(path)

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from itertools import groupby
 from typing import Any, Literal, get_args
 
+from flexhinf.copies import shared_out
 from flexhinf.errors import refuse_if
 from flexhinf.report.blocks import (
     Anchored,
@@ -23,15 +25,14 @@ from flexhinf.report.blocks import (
     Figure,
     Note,
     PageBlock,
-    Provenance,
-    Setting,
-    Settings,
     escape,
+    finite,
     prose,
     scalar,
     unit_html,
 )
-from flexhinf.report.figure import DARK, LIGHT
+from flexhinf.report.facts import Fact, Provenance, Settings
+from flexhinf.report.figure import DARK, LIGHT, house_style
 from flexhinf.validation import one_of
 
 Verdict = Literal["holds", "fails", "ties", "not judged"]
@@ -187,39 +188,56 @@ class Badge:
         one_of("There is no such status.", self.kind, [kind for kind in _BADGES if kind not in own])
 
 
-class KeyNumber(Setting):
-    """One of the few numbers at the top of a page."""
+#: What is drawn when a page is made, None where there is nothing to draw: who reads notes or tables only draws nothing.
+Drawing = Callable[[], Figure | None]
 
 
 @dataclass(frozen=True)
 class Section(Anchored):
-    """A heading and the blocks under it, which fold; `id` is its anchor.
+    """A heading and the blocks under it, which fold; `id` is its anchor. It shows if it has blocks.
 
-    `open`: whether the page shows the blocks before a reader asks for them. `group`: heading of this section and of
-    those after it in the contents. `brief`: the result in a few words, beside the heading.
+    A block may be the function that draws it; None is left out. `open`: whether the page shows the blocks before a
+    reader asks for them. `group`: heading of this section and of those after it in the contents. `brief`: the result in
+    a few words, beside the heading. `numbers`: what the JSON beside the page has of it.
     """
 
     title: str
-    blocks: Sequence[PageBlock]
+    blocks: Sequence[PageBlock | Drawing | None]
     id: str
     open: bool = False
     group: str = ""
     brief: str = ""
+    numbers: Mapping[str, object] = field(default_factory=dict[str, object])
+
+    @property
+    def present(self) -> list[PageBlock]:
+        """The blocks that are there, drawn."""
+        return [block for block in self.blocks if isinstance(block, PageBlock)]
 
     def ids(self) -> tuple[str, ...]:
         """The anchors of the section and of its blocks."""
-        return (self.id, *(name for block in self.blocks for name in block.ids()))
+        return (self.id, *(name for block in self.present for name in block.ids()))
 
     def html(self) -> str:
         """The section as HTML."""
-        notes = sum(isinstance(block, Note) for block in self.blocks)
+        notes = sum(isinstance(block, Note) for block in self.present)
         brief = f'<span class="brief">{prose(self.brief)}</span>' if self.brief else ""
         if notes:
             brief += f'<span class="badge ties">{notes} note{"s" * (notes > 1)}</span>'
         return (
             f'<section id="{self.id}">\n<details{" open" * self.open}><summary><h2>{prose(self.title)}</h2>{brief}'
-            f"</summary>\n{arranged(self.blocks)}\n</details></section>"
+            f"</summary>\n{arranged(self.present)}\n</details></section>"
         )
+
+
+@house_style()
+def with_figures(*sections: Iterable[PageBlock | Drawing | None]) -> list[list[PageBlock]]:
+    """The blocks of each section with all figures drawn, on all processors."""
+    found = [list(blocks) for blocks in sections]
+    undrawn = [block for blocks in found for block in blocks if callable(block)]
+    figures = iter(shared_out(lambda draw: draw(), undrawn))
+    blocks_of = ([next(figures) if callable(block) else block for block in blocks] for blocks in found)
+    return [list(filter(None, blocks)) for blocks in blocks_of]
 
 
 def arranged(blocks: Sequence[PageBlock]) -> str:
@@ -233,9 +251,13 @@ def arranged(blocks: Sequence[PageBlock]) -> str:
 
 @dataclass(frozen=True)
 class Page:
-    """A report. First screen: the title, the verdict in one sentence, how far it can be relied on, the numbers that
-    matter, and the `lead`, two figures at most. Then the summary with the request, every status in full and `details`
-    of the verdict; the sections; every setting; command, seed and versions.
+    """A report as data. First screen: the title, the verdict in one sentence, how far it can be relied on, the facts
+    that matter, and the `lead`, two figures at most. Then the summary with the request, every status in full and
+    `details` of the verdict; the sections; every setting; the command that makes it again, seed and versions.
+
+    `html` is the page, `numbers` the JSON beside it: `head`, and what the sections have. A figure may be the function
+    that draws it, and in the `lead` the name of a figure of the sections, which then stands on the first screen; they
+    are drawn for `html` only.
 
     Raises InvalidInput: two parts of the page have the same anchor, or a claim points at a figure or at evidence that
     is not there.
@@ -245,27 +267,60 @@ class Page:
     request: str
     verdict: str
     sections: Sequence[Section]
-    settings: Settings
-    provenance: Provenance
-    numbers: Sequence[KeyNumber] = field(default=())
+    command: Sequence[str] = ()
+    seed: int | None = None
+    settings: Mapping[str, Sequence[Fact]] = field(default_factory=dict[str, Sequence[Fact]])
+    facts: Sequence[Fact] = field(default=())
     status: Sequence[Badge] = field(default=())
     details: Sequence[str] = field(default=())
-    lead: Sequence[Figure] = field(default=())
+    lead: Sequence[Figure | Drawing | str] = field(default=())
+    head: Mapping[str, object] = field(default_factory=dict[str, object])
+
+    @property
+    def said(self) -> list[str]:
+        """The verdict and its details, in sentences."""
+        return [self.verdict, *self.details]
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Content of the JSON beside the page."""
+        parts = [part.numbers for part in self.sections]
+        return finite({key: value for part in (self.head, *parts) for key, value in part.items()})
+
+    @property
+    def provenance(self) -> Provenance:
+        """Where the page comes from."""
+        return Provenance(shlex.join(self.command), self.seed)
+
+    def with_figures(self) -> Page:
+        """The page with all its figures drawn."""
+        own = [each for each in self.lead if not isinstance(each, str)]
+        lead, *blocks_of = with_figures(own, *(part.blocks for part in self.sections))
+        pictures = {block.id: block for blocks in blocks_of for block in blocks if isinstance(block, Figure)}
+        named = [pictures.get(f"figure-{name}") for name in self.lead if isinstance(name, str)]
+        sections = [
+            replace(part, blocks=[block for block in blocks if block not in named])
+            for part, blocks in zip(self.sections, blocks_of)
+        ]
+        first = [block for block in (*lead, *named) if isinstance(block, Figure)]
+        return replace(self, sections=sections, lead=first)
 
     def __post_init__(self) -> None:
-        names = [name for part in (*self.lead, *self.sections) for name in part.ids()] + OWN
+        lead = [part for part in self.lead if isinstance(part, Figure)]
+        names = [name for part in (*lead, *self.sections) for name in part.ids()] + OWN
         refuse_if(
             twice := sorted(name for name, times in Counter(names).items() if times > 1),
             f"Every anchor of a report page is there once ({', '.join(map(repr, OWN))} are the page's own).",
             f"used more than once: {', '.join(twice)}",
             "another id",
         )
-        blocks = [block for section in self.sections for block in section.blocks]
+        blocks = [block for section in self.sections for block in section.present]
         pointed = {n for b in blocks if isinstance(b, JudgedClaim) for n in b.figures} | {
             f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims
         }
+        undrawn = any(callable(block) for part in self.sections for block in part.blocks)
         refuse_if(
-            lost := sorted(pointed - set(names)),
+            lost := [] if undrawn else sorted(pointed - set(names)),
             "A claim points at a figure or at evidence that is not on the page.",
             f"not found: {', '.join(lost)}",
             "a Figure, or a JudgedClaim for each",
@@ -289,16 +344,17 @@ class Page:
         strip = "".join(
             f"<div><dt>{prose(n.name)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
             + (f'<dd class="small">{prose(n.note)}</dd></div>' if n.note else "</div>")
-            for n in self.numbers
+            for n in self.facts
         )
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
         return (
             f'<header id="top">\n<h1>{prose(self.title)}</h1>\n<p class="verdict">{prose(self.verdict)}</p>\n'
-            f"{kinds}{strip}{arranged(self.lead)}\n</header>\n"
+            f"{kinds}{strip}{arranged([part for part in self.lead if isinstance(part, Figure)])}\n</header>\n"
         )
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""
+        page = self.with_figures()
         light = "".join(f"  --{role}: {colour};\n" for role, colour in LIGHT.items())
         dark = "".join(f"    --{role}: {colour};\n" for role, colour in DARK.items())
         sheet, script = (
@@ -308,11 +364,12 @@ class Page:
         digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
         # Paper is light: the dark colours are for screens only.
         screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
-        count, last = sum(map(len, self.settings.groups.values())), "About this page"
-        brief = f"all {count}{', and who states them' * self.settings.noted}"
+        settings, last = Settings(self.settings), "About this page"
+        count = sum(map(len, self.settings.values()))
+        brief = f"all {count}{', and who states them' * settings.noted}"
         sections = (
-            *self.sections,
-            *([Section("Settings", (self.settings,), "settings", group=last, brief=brief)] if count else []),
+            *(part for part in page.sections if part.present),
+            *([Section("Settings", (settings,), "settings", group=last, brief=brief)] if count else []),
             Section("How to make this again", (self.provenance,), "again", group="" if count else last),
         )
         contents = '<li><a href="#top">Result</a></li><li><a href="#summary">Summary</a></li>' + "".join(
@@ -331,7 +388,7 @@ class Page:
             f"<title>{escape(self.title)}</title>\n<style>\n:root {{\n{light}}}\n{screen}{sheet}</style>\n</head>\n"
             '<body>\n<a class="skip" href="#summary">Skip to the summary</a>\n'
             f"{_CONTENTS}{contents}</ol></nav>\n<main>\n"
-            f'{self._header()}<section id="summary" class="summary">\n<h2>Summary</h2>\n{self._summary()}\n</section>\n'
+            f'{page._header()}<section id="summary" class="summary">\n<h2>Summary</h2>\n{self._summary()}\n</section>\n'
             f"{body}\n</main>\n{_LARGE}<script>{script}</script>\n</body>\n</html>\n"
         )
 

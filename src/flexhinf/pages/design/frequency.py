@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.problem.presets import robust_applies
-from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
-from flexhinf.numerals import number
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.problem.presets import robust_applies
+from flexhinf.designs.status import FEW_PERIODS, NOISE_FRACTION
+from flexhinf.numerals import count_text, number
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -21,7 +21,6 @@ from flexhinf.pages.drawing import (
     Panel,
     Units,
     changes_text,
-    count_text,
     draw_figure,
     in_joint,
     joint_panels,

@@ -9,19 +9,18 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.responses import Response
-from flexhinf.design.rigid import RigidLoop
-from flexhinf.design.specification import RINGS
-from flexhinf.numerals import number
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.responses import Response
+from flexhinf.designs.rigid import RigidLoop
+from flexhinf.designs.specification import RINGS
+from flexhinf.numerals import count_text, number
 from flexhinf.pages.design.step import spring_torques, stiffness_of
 from flexhinf.pages.drawing import (
     DOTTED,
     Blocks,
     Line,
     Panel,
-    count_text,
     draw_figure,
     framed,
     in_joint,

@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.responses import Move, Response
-from flexhinf.numerals import number
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.responses import Move, Response
+from flexhinf.numerals import count_text, number
 from flexhinf.pages.arm_film import film_of
 from flexhinf.pages.design.step import arm_plane, input_panels, instants
 from flexhinf.pages.drawing import (
     DOTTED,
     Units,
-    count_text,
     figure_block,
     in_joint,
     joint_panels,

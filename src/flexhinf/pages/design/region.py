@@ -12,15 +12,14 @@ import numpy as np
 from flexhinf.analysis import BudgetTerm
 from flexhinf.certify.certificate import NO_LATENCY
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
-from flexhinf.numerals import at_least, at_most, number
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
+from flexhinf.numerals import at_least, at_most, count_text, number
 from flexhinf.pages.drawing import (
     Blocks,
     Line,
     Panel,
     amplitude_text,
-    count_text,
     draw_figure,
     law_name,
     listed,

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.arrays import Number
-from flexhinf.design.checks import (
+from flexhinf.designs import judge
+from flexhinf.designs.checks import (
     AFTER,
     MOST_LAWS,
     WIDEST,
@@ -18,11 +19,11 @@ from flexhinf.design.checks import (
     LimitCycleCheck,
     payload_requirements,
 )
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.problem.presets import preset_of
-from flexhinf.design.responses import LoadResponse, Move
-from flexhinf.design.specification import RINGS
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.problem.presets import preset_of
+from flexhinf.designs.responses import LoadResponse, Move
+from flexhinf.designs.specification import RINGS
 from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, tail_of
 from flexhinf.loop.simulation.ring_down import VISIBLE
 from flexhinf.numerals import number
@@ -147,7 +148,7 @@ def payload(design: PoseEvidence) -> Blocks:
         (modelled, e.step, e.margins, None),
         *((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads),
     ):
-        used = limits.input_use(step).value if limits.limits_peak else step.peak_input
+        used = judge.measured("peak", limits, [step]).value if limits.limits_peak else step.peak_input
         load = case and case.load_step
         load_step: Sequence[Number | None] = (
             [scale * load.deflection.value, load.recovery.value, scale * load.remaining.value]

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.problem.presets import robust_applies
-from flexhinf.design.responses import ROBOT, Response
-from flexhinf.design.specification import ESTIMATED_BY
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.monte_carlo import MonteCarlo
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.problem.presets import robust_applies
+from flexhinf.designs.responses import ROBOT, Response
+from flexhinf.designs.specification import ESTIMATED_BY
 from flexhinf.numerals import number
 from flexhinf.pages.drawing import (
     DASHED,
@@ -443,7 +443,7 @@ def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.n
 def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     s, peaks = e.setup.specification, e.setup.limits.peak
     same = np.isfinite(peaks[0]) and len(set(peaks.tolist())) == 1
-    limits, grains = (s.overshoot_limit, None, float(peaks[0]) if same else None), (0.0, s.period, 0.0)
+    limits, grains = (s.limit("overshoot"), None, float(peaks[0]) if same else None), (0.0, s.period, 0.0)
     figure, (axes,) = panels(1, 3, 2.5)
     for axis, (name, unit, every, own, _), limit, grain in zip(axes, _metrics(e, samples), limits, grains):
         values = every[np.isfinite(every)]

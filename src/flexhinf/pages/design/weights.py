@@ -8,21 +8,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.pose_evidence import PoseEvidence
-from flexhinf.design.problem.presets import ToleranceFraction, required_damping
-from flexhinf.design.problem.weights import SearchResult, TargetBehaviour, WeightCandidate
-from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
-from flexhinf.design.synthesis.steps import NOISE, WholeLoopSearch
-from flexhinf.numerals import number
-from flexhinf.pages.drawing import (
-    Blocks,
-    Line,
-    Panel,
-    count_text,
-    draw_figure,
-    line_style,
-    range_text,
-)
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.problem.presets import ToleranceFraction, required_damping
+from flexhinf.designs.problem.weights import SearchResult, TargetBehaviour, WeightCandidate
+from flexhinf.designs.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
+from flexhinf.designs.synthesis.steps import NOISE, WholeLoopSearch
+from flexhinf.numerals import count_text, number
+from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, line_style, range_text
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, LineStyle, Paragraph, Table, finite
 from flexhinf.robot.signals import signal_names
