@@ -5,16 +5,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 # lazy_loader has no types.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+from importlib import import_module
+
 import lazy_loader
 
-# Python makes a subpackage an attribute of its package when it first loads it. `flexhinf.design` is also the name of a
-# function, so that is done here, once, and undone: ``fh.design`` is the function, however rooms are imported.
-import_module(f"{__name__}.design")
-del globals()["design"]
+from flexhinf.drawers import on_first_use
 
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
@@ -26,3 +23,10 @@ def __getattr__(name: str) -> object:
 
         return version(__name__)
     return _public(name)
+
+
+@on_first_use
+def _load_drawers() -> None:
+    """Import what draws results of the rooms below it."""
+    for name in ("files", "pictures", "workspace_parts", "design.parts", "stored_parts"):
+        import_module(f"flexhinf.pages.{name}")

@@ -2,11 +2,10 @@
 
 from .campaign import run_campaign as run_campaign
 from .certify import Certificate as Certificate, load_certificate as load_certificate
-from .design import (
+from .designs import (
     Comparison as Comparison,
     Design as Design,
     Specification as Specification,
-    WorkspaceComparison as WorkspaceComparison,
     compare as compare,
     design as design,
     export_web as export_web,

@@ -99,6 +99,10 @@ class Registry(Mapping[str, T]):
         self._sorted = None
         return thing
 
+    def registered(self) -> tuple[T, ...]:
+        """What is registered by now; no file is read for it."""
+        return tuple(self._things.values())
+
     @property
     def _all(self) -> dict[str, T]:
         _load_files(self._package)

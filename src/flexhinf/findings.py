@@ -34,6 +34,16 @@ class Finding(Protocol):
         """What was expected, and what there is."""
         ...
 
+    @property
+    def advice(self) -> str:
+        """What to try; options between backticks."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """In how many places."""
+        ...
+
 
 AnyFinding = TypeVar("AnyFinding", bound=Finding)
 

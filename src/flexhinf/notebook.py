@@ -6,9 +6,9 @@ import abc
 import dataclasses
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib import import_module
 from typing import ClassVar, cast
 
+from flexhinf.drawers import Drawer
 from flexhinf.numerals import stated_number
 from flexhinf.validation import is_array
 
@@ -35,13 +35,15 @@ class Summarised(abc.ABC):
         return table_html(type(self).__name__, self.summary())
 
 
+#: Pictures of a result as HTML.
+PICTURES: Drawer[[], str] = Drawer("")
+
+
 class Pictured(Summarised):
     """Base of results that show pictures in a notebook too, below their table."""
 
     def _repr_html_(self) -> str:
-        # The room of pages reads designs, so it is loaded when one is shown.
-        pictures: str = import_module("flexhinf.pages").notebook_pictures(self)
-        return super()._repr_html_() + pictures
+        return super()._repr_html_() + PICTURES(self)
 
 
 class StatedRepr:

@@ -54,6 +54,16 @@ def number(value: Real | float, digits: int = 4, decimals: int | None = None) ->
     return written.replace("-", "−")
 
 
+def count_text(count: int, noun: str) -> str:
+    """A number with a noun, in the plural where it needs one."""
+    return f"{count} {noun if count == 1 else f'{noun}s'}"
+
+
+def worst_text(count: int, noun: str) -> str:
+    """Of which of some motions or robots a number is the worst."""
+    return f"the {noun}" if count == 1 else f"the worst of {count} {noun}s"
+
+
 def at_most(value: float, digits: int = 4) -> str:
     """A proved bound from above: as `number`, rounded up, so that what is written holds too.
 
@@ -105,6 +115,17 @@ def number_text(value: float, unit: str = "", digits: int = 4) -> str:
     ('3.2·10⁻⁷ rad', '0.3', '30°')
     """
     return f"{number(value, digits)}{'' if unit == '°' else ' '}{unit}".rstrip()
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """A share in per cent.
+
+    Examples
+    --------
+    >>> percent(0.12345), percent(-0.5, 2)
+    ('12.3 %', '−50 %')
+    """
+    return number_text(100.0 * share, "%", digits)
 
 
 def power_of(unit: str, exponent: str) -> str:

@@ -4,7 +4,7 @@ Command line, design file, JSON schema, ``help()`` and the tables in docs/ are m
 people write them: numbers, text with a unit (``90deg``, ``5ms``, ``0.6Hz``), lists, weights. Every reader takes what
 Python, a TOML file or the command line gives and returns numbers in SI units; each raises ValueError for what it cannot
 read. A number that was text with a unit remembers that unit (`Stated`): which units fit is known when the robot is, see
-`flexhinf.design.design_file`.
+`flexhinf.designs.design_file`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from flexhinf.validation import (
     is_array,
     is_integer,
     late_package,
-    one_of,
     real_number,
     value_text,
 )
@@ -324,9 +323,19 @@ Period = Annotated[
 Count = Annotated[int, _field(ge=0), read_by(_integer), Allowed("an integer >= 0")]
 Seed = Annotated[int, _field(ge=0, lt=2**63), read_by(_integer), Allowed("an integer >= 0, below 2^63")]
 Flag = Annotated[bool, read_by(_flag), Allowed("true or false")]
+#: The text of the robot's own pose, which is read as no positions.
+HOME = "home"
+
+
+def _positions(value: object) -> object:
+    """One position per joint; none for `HOME`, and for what it was read as."""
+    home = isinstance(value, str) and choice(value) == HOME
+    return () if home or str(value) == "()" else several(value, units=_POSITIONS)
+
+
 Pose = Annotated[
-    tuple[_Finite, ...], _by(several, *_POSITIONS),
-    Allowed("one link position per joint (rad, m; or text with deg, °)"),
+    tuple[_Finite, ...], read_by(_positions),
+    Allowed("one link position per joint (rad, m; or text with deg, °), or home"),
 ]  # fmt: skip
 Tolerances = Annotated[
     Annotated[tuple[_Above, ...], _field(min_length=1)], _by(several, *_POSITIONS),
@@ -546,53 +555,11 @@ def _allowed(annotation: object) -> str:
     return next((text for text in (*own, *map(_allowed, get_args(annotation))) if text), "")
 
 
-def with_parameters(cls: type) -> str:
-    """The docstring of a dataclass with its declared options as the section "Parameters", before "Raises"."""
+def with_parameters(text: str, fields: Mapping[str, FieldInfo]) -> str:
+    """A docstring with fields as its section "Parameters", before "Raises"."""
     lines = ["    Parameters", "    ----------"]
-    for field in declared(cls).values():
+    for field in fields.values():
         default = field.about.default or ("none" if field.default in (None, ()) else repr(field.default))
         lines.append(f"    {field.name} : {field.allowed}; default: {default}")
         lines += textwrap.wrap(field.about.help, 110, initial_indent=" " * 8, subsequent_indent=" " * 8)
-    return str(cls.__doc__).replace("    Raises\n", "\n".join([*lines, "", "    Raises\n"]))
-
-
-@dataclasses.dataclass(frozen=True)
-class CampaignOptions:
-    """Options that a campaign adds to a design; every field but `tolerances` is an option of ``flexhinf campaign``."""
-
-    # fmt: off
-    samples: Whole = option(1000, SEARCH, "Number of robots.", "1000")
-    seed: Whole = option(0, ADVANCED, "Seed of the samples; sample i depends on it and on i alone.", "0")
-    batch: Whole | None = option(None, ADVANCED,
-        "Samples in one file of the journal. A kill loses at most so many.", "256",
-        default="256, up to 4,096 of short runs")
-    distribution: Text = option("uniform", UNCERTAIN,
-        "How parameters vary within their tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, "
-        "corners.", "normal")
-    method: Text = option("random", ADVANCED,
-        "How samples are spread: random (independent), latin-hypercube, sobol.", "sobol")
-    #: Parameters of the robot and what they are instead: ``("stiffness", "15%")`` or ``("mass", "0.9..1.2")``.
-    tolerances: tuple[tuple[str, str], ...] = ()
-    payload: Text | None = option(None, UNCERTAIN,
-        "What the true robot carries, such as 0..2kg. The controller stays that of the design.", "0..2kg", "kg@link",
-        default="that of the design")
-    initial_error: NotNegative = option(0.0, UNCERTAIN,
-        "Largest error of the estimator's position at the start.", "0.01", "rad, m")
-    disturbance: NotNegative = option(0.0, UNCERTAIN,
-        "Largest constant torque on each link. It begins after a tenth of the run.", "0.1", "N·m or N")
-    encoder_offset: NotNegative = option(0.0, UNCERTAIN,
-        "Largest offset of each position sensor. Of a design for a workspace.", "0.0005", "rad, m")
-    extra_delay: Whole = option(0, UNCERTAIN,
-        "Largest delay of the inputs that the controller does not know, in samples. Of a design for a workspace.", "1")
-    duration: Duration | None = option(None, RUN, "Length of a run. Of a design of one pose.", "5s", "s",
-        zero="the default", default="that of the design")
-    # fmt: on
-
-    def __post_init__(self) -> None:
-        from flexhinf.campaign import DISTRIBUTIONS, METHODS, check_counts  # not for `flexhinf --help`
-
-        check_counts(self.samples, self.seed, 1 if self.batch is None else self.batch)
-        one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
-        one_of("There is no such method.", self.method, METHODS)
-        for name in ("initial_error", "disturbance", "encoder_offset", "extra_delay"):
-            object.__setattr__(self, name, declared(CampaignOptions)[name].read(getattr(self, name)))
+    return text.replace("    Raises\n", "\n".join([*lines, "", "    Raises\n"]))

@@ -45,6 +45,10 @@ class PosedLaw(PlacedLaw):
         """The law for a straight move between two poses (n,); the same law where it has no numbers of a move."""
         return self
 
+    def serves(self, poses: Matrix) -> bool:
+        """Whether its code has the gains of all these poses (N, n), with no other numbers for each motion."""
+        return True
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GainsOnTheWay(PosedLaw):
@@ -70,6 +74,11 @@ class GainsOnTheWay(PosedLaw):
     def along(self, start: Vector, goal: Vector) -> Self:
         """The law with the gains of a move."""
         return replace(self, way=np.array([start, goal]))
+
+    def serves(self, poses: Matrix) -> bool:
+        """Whether the gains of all poses are the same."""
+        first = self.gain(poses[0])
+        return all(np.array_equal(self.gain(pose), first) for pose in poses[1:])
 
     @property
     def law_key(self) -> str:

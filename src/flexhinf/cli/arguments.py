@@ -36,8 +36,8 @@ from flexhinf.processors import available, limited_threads
 from flexhinf.validation import nearest, value_text
 
 if TYPE_CHECKING:
-    from flexhinf.design import DesignRequest
-    from flexhinf.design.specification import Specification
+    from flexhinf.designs import DesignRequest
+    from flexhinf.designs.specification import Specification
     from flexhinf.robot import Robot
 
 
@@ -236,11 +236,8 @@ def request_of(
     context: typer.Context, o: options.PointOptions, source: str, elastic: str = ""
 ) -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
-    stated = stated_options(context)
-    request = read_source(source, elastic, _stated_fields(context, stated), o.payload, o.pose_xyz, o.tool)
-    if context.info_name != "run":  # which needs both: the workspace of its controller, and a goal
-        request = _of_pose_stated(request, stated)
-    return request
+    fields = _stated_fields(context, stated_options(context))
+    return read_source(source, elastic, fields, o.payload, o.pose_xyz, o.tool, context.info_name == "run")
 
 
 def stated_fields(context: typer.Context) -> dict[str, Any]:
@@ -251,17 +248,6 @@ def stated_fields(context: typer.Context) -> dict[str, Any]:
 def _stated_fields(context: typer.Context, stated: Mapping[str, Any]) -> dict[str, Any]:
     known = specification.FIELDS
     return {name: _text(known[name], stated[name]) for name in _command(context).fields if name in stated}
-
-
-def _of_pose_stated(request: DesignRequest, stated: Collection[str]) -> DesignRequest:
-    """The request of one pose where an option that only a design of one pose reads is stated and a design file is for
-    a workspace."""
-    s = request.specification
-    own = [name for name in s.pose_fields_stated if {name, *("pose_xyz",) * (name == "pose")} & {*stated}]
-    if s.workspace is None or not own or "workspace" in stated:
-        return request
-    note(f"{'design.toml' if request.file is None else request.file.name}: workspace gives way to `{own[0]}`")
-    return replace(request, specification=replace(s, workspace=None))
 
 
 def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool) -> None:
@@ -325,28 +311,26 @@ def without_effect(
 
     `tolerances`, `observer`: of ``certify``.
     """
-    from flexhinf.design.problem.presets import preset_of
-    from flexhinf.design.synthesis.by_step import STATES, rays_of
+    from flexhinf.designs.fields import law_of
+    from flexhinf.designs.problem.presets import preset_of
+    from flexhinf.designs.synthesis.by_step import STATES, rays_of
 
-    if command in ("design", "compare") and not s.pose_fields_stated:
-        return _active(s, _of_workspace(robot, s))
+    designs = command in ("design", "compare")
+    if designs and law_of(s).any_pose:
+        return _active(s, _of_any_pose(robot, s))
     idle, preset, joints = _of_loop(robot, s), preset_of(robot, s), len(robot.joint_names)
-    sampled = command == "design" and rays_of(STATES * joints, s.rays) > 0
+    sampled = designs and rays_of(STATES * joints, s.rays) > 0
     if s.estimator == "none" and not sampled and (not robot.uncertain or s.draws == 0):
         idle["seed"] = (
             "an estimator, robots within their tolerances (--draws) or a sampled region (--set rays)"
         )
-    if command == "design" and preset != "proved":
+    if designs and preset != "proved":
         if not sampled:
             idle |= dict.fromkeys(("checked_gamma_ratio", "checked_penalty"), "a sampled region (--set rays)")
         if not sampled or joints > 1 or s.via:
             idle["proof_seconds"] = (
                 "a robot of one joint, one law (no --via) and a sampled region (--set rays)"
             )
-    elif command == "compare":
-        idle["tracking_error"] = "a workspace (no --pose)"
-        if preset != "proved":
-            idle |= dict.fromkeys(("checked_penalty", "proof_seconds"), "--preset proved")
     elif command == "certify":
         idle |= _of_certificate(robot, s, preset, tolerances)
         if observer:
@@ -362,8 +346,6 @@ def without_effect_on_run(
     `noise`: whether measurements have noise. `commanded`: whether the controller takes a command. `workspace`: whether
     it is for one.
     """
-    from flexhinf.design.requirements import on_loops
-
     idle, random = _of_loop(robot, s), noise and s.estimator != "none"
     if not random:
         idle |= dict.fromkeys(("measurement_noise", "seed"), "noise of the measurements")
@@ -371,9 +353,6 @@ def without_effect_on_run(
         idle |= dict.fromkeys(("pose", "start", "overshoot"), 'a step (--move "" takes back the move)')
     elif not commanded:
         idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
-    for kind in on_loops():
-        if kind.of_motion is None:
-            idle[kind.field] = "flexhinf design, which linearises the loop"
     of_pose = dict.fromkeys(("shaping", "overshoot", "feedforward"), "a controller of one pose")
     return _active(s, idle) | (of_pose if workspace else {})
 
@@ -382,27 +361,27 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
     return {name: needs for name, needs in idle.items() if name == "seed" or getattr(s, name)}
 
 
-def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
-    kept = {"ripple", "tracking_error", *(["estimator"] if s.estimator == "none" else [])}
-    kept |= {"preset"} if s.preset == specification.PROVED else set()
-    idle = dict.fromkeys(
-        {*specification.FIELDS} - {*specification.OF_WORKSPACE, *specification.EXTENDED} | {"estimator"},
-        "a design of one pose (--pose)",
-    )
-    return {k: v for k, v in (_of_loop(robot, s) | idle).items() if k not in kept}
-
-
 def of_workspace_proof(request: DesignRequest) -> dict[str, str]:
     """Options of ``certify`` that a proof of a controller for a workspace does not read, and what they act on."""
     idle = dict.fromkeys(("degree", "decay", "observer", "tolerances"), "a design of one pose (--pose)")
     moved = dict.fromkeys(("draws", "seed"), "flexhinf design, which tests the controller")
     s = request.specification
-    return _active(s, _of_workspace(request.robot, s) | moved) | idle
+    return _active(s, _of_any_pose(request.robot, s) | moved) | idle
+
+
+def _of_any_pose(robot: Robot, s: Specification) -> dict[str, str]:
+    """As `_of_loop`, of a law with gains at any pose: noise is judged by what a motor needs, and moves are made. A
+    field that it does not read may be stated at its default."""
+    from flexhinf.designs.fields import unread
+
+    judged = ("ripple", "tracking_error")
+    idle = {name: needs for name, needs in _of_loop(robot, s).items() if name not in judged}
+    return idle | unread(s)
 
 
 def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
-    from flexhinf.design.estimators import is_kalman
-    from flexhinf.design.responses import joint_limits
+    from flexhinf.designs.estimators import is_kalman
+    from flexhinf.designs.responses import joint_limits
     from flexhinf.robot.elastic import DRY, with_dry_friction
 
     idle = {} if joint_limits(robot, s).limits_effort else {"ripple": "limits of the motors (--saturation)"}
@@ -423,7 +402,7 @@ def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
 
 
 def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: bool) -> dict[str, str]:
-    from flexhinf.design.responses import joint_limits
+    from flexhinf.designs.responses import joint_limits
 
     limits, proved = joint_limits(robot, s), preset == "proved"
     several = not proved and (s.degrees is None or len(s.degrees) > 1)
@@ -452,18 +431,27 @@ def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: boo
 
 
 def read_source(
-    source: str, elastic: str, fields: Mapping[str, Any], payload: str = "", goal: str = "", tool: str = ""
+    source: str,
+    elastic: str,
+    fields: Mapping[str, Any],
+    payload: str = "",
+    goal: str = "",
+    tool: str = "",
+    of_run: bool = False,
 ) -> DesignRequest:
     """Robot and specification of a file and of fields that win over it; prints notes, raises as `request_of`.
 
-    Of a report's folder its design file is meant.
+    Of a report's folder its design file is meant. `of_run`: as for `read_request`.
     """
-    from flexhinf.design.design_file import meant_file, read_request, with_joints
+    from flexhinf.designs.design_file import meant_file
+    from flexhinf.designs.request import read_request
     from flexhinf.robot.parts import file_warnings
 
     with file_warnings(note) as texts:
-        request = read_request(meant_file(source), elastic or None, fields, payload or None)
-        request = with_joints(request, goal, tool)
+        file = meant_file(source)
+        request = read_request(
+            file, elastic or None, fields, payload or None, goal=goal, tool=tool, of_run=of_run
+        )
     for text in request.notes:
         note(text)
     return replace(request, warnings=tuple(texts))

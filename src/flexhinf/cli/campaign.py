@@ -17,13 +17,13 @@ import typer
 from flexhinf import campaign as campaigns, pages
 from flexhinf.cli.arguments import Command, Group, read_source, refuse_stated, reproduce_command, with_options
 from flexhinf.cli.messages import NOT_MET, note, options, progress_bar, show, step_progress
+from flexhinf.designs.campaign_options import CampaignOptions
 from flexhinf.errors import refuse_if
-from flexhinf.options import CampaignOptions
 
 if TYPE_CHECKING:
     from flexhinf.campaign.driver import Executor, Report
     from flexhinf.campaign.results import MergedTable
-    from flexhinf.design import DesignCampaign
+    from flexhinf.designs import DesignCampaign
 
 #: Seconds between two lines of progress where standard error is no terminal.
 EVERY = 10.0
@@ -60,7 +60,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
     Exit code: 0 if every sample is a success, and the worst robot found;
     1 if not; 2 for a mistake; 130 if interrupted.
     """
-    from flexhinf.design.campaign_folder import open_campaign, search_gain, searches_gain
+    from flexhinf.designs.campaign_folder import open_campaign, search_gain, searches_gain
 
     refuse_stated(context, {} if o.worst_case else dict.fromkeys(("metric", "starts"), "--worst-case"))
     refuse_stated(context, {"starts": "a --metric beside gain"} if {*o.metric} == {GAIN} else {})
@@ -113,7 +113,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
 
 
 def _request(o: options.BatchOptions, source: str) -> DesignCampaign[Any]:
-    from flexhinf.design import campaign_of
+    from flexhinf.designs import campaign_of
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]
@@ -187,7 +187,7 @@ def merge(context: typer.Context, o: options.MergeOptions) -> int:
 @with_options(lambda: (options.ReplayOptions, ()))
 def replay(context: typer.Context, o: options.ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
-    from flexhinf.design.campaign_folder import GainSearch, stored_campaign, stored_gains, stored_request
+    from flexhinf.designs.campaign_folder import GainSearch, stored_campaign, stored_gains, stored_request
 
     refuse_if(
         (o.sample is None) == (not o.worst_case),
@@ -231,7 +231,7 @@ def replay(context: typer.Context, o: options.ReplayOptions) -> None:
 
 
 def _finish(table: campaigns.MergedTable, requirements: list[campaigns.MetricLimit]) -> int:
-    from flexhinf.design.campaign_folder import stored_campaign, stored_gains
+    from flexhinf.designs.campaign_folder import stored_campaign, stored_gains
 
     journal, folder = table.journal, table.journal.folder
 
@@ -291,7 +291,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.
     """
-    from flexhinf.design import DesignPair, open_pair
+    from flexhinf.designs import DesignPair, open_pair
 
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     names, command = (o.first, o.second), reproduce_command(context)

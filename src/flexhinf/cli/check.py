@@ -58,8 +58,8 @@ def _is_robot(path: Path) -> bool:
 
 def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     """Check a robot's description: prints, writes the report if one is stated; the exit code."""
-    from flexhinf.design.design_file import is_design_file
-    from flexhinf.design.specification import Specification
+    from flexhinf.designs.design_file import is_design_file
+    from flexhinf.designs.specification import Specification
     from flexhinf.robot import catalogue
     from flexhinf.robot.examination import examine_robot
 
@@ -78,7 +78,4 @@ def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     with step_progress(1) as progress:
         progress(f"examine {path.name}")
         result = examine_robot(path, o.elastic or None, period)
-    if folder is not None:
-        page = pages.checked_robot_page(result, reproduce_command(context))
-        report.write(folder, pages.checked_robot_files(page, result))
-    return concluded(pages.checked_robot_ending(result), result.findings, folder)
+    return concluded(pages.checked_robot(result, reproduce_command(context)), result.findings, folder)

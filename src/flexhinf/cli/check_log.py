@@ -17,7 +17,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.findings import Finding, worst
 
 if TYPE_CHECKING:
-    from flexhinf.pages.terminal import Ending
     from flexhinf.robot import Robot
 
 #: Exit code of the worst finding.
@@ -45,22 +44,18 @@ def check_log(context: typer.Context, o: options.CheckOptions) -> int:
         else:
             progress("examine")
             findings = fh.examine(log, robot, o.model, stated_late(o, plant, latency))
-        if folder is not None:
-            page = pages.checked_log_page(
-                o.log.name,
-                robot,
-                log,
-                findings,
-                reproduce_command(context),
-                request.warnings,
-                in_degrees(request),
-            )
-            report.write(folder, pages.checked_log_files(page, findings))
-    return concluded(pages.checked_log_ending(findings), findings, folder)
+        command = reproduce_command(context)
+        page = pages.checked_log(
+            o.log.name, robot, log, findings, command, request.warnings, in_degrees(request)
+        )
+    return concluded(page, findings, folder)
 
 
-def concluded(ending: Ending, findings: Sequence[Finding], folder: Path | None) -> int:
-    """Print what a check found, and where its report is; the exit code."""
+def concluded(page: report.Page, findings: Sequence[Finding], folder: Path | None) -> int:
+    """Write the report of a check into a folder, if there is one, and print what was found; the exit code."""
+    if folder is not None:
+        report.write(folder, pages.report_files(page, "check.json"))
+    ending = pages.check_ending(page, findings)
     show(ending.tables)
     typer.echo(ending.text + ("" if folder is None else f"\nreport: {folder / 'index.html'}"))
     return CODES[worst(findings)]
@@ -69,7 +64,8 @@ def concluded(ending: Ending, findings: Sequence[Finding], folder: Path | None) 
 def _logged(o: options.CheckOptions, robot: Robot, columns: dict[str, str]) -> tuple[str, ...]:
     """The signals of a robot that a log has columns for, by their names or as they are stated."""
     from flexhinf.identification.log_reader import signals_in
-    from flexhinf.robot.signals import SENSORS, signal_names
+    from flexhinf.plant.instruments import SENSORS
+    from flexhinf.robot.signals import signal_names
 
     every = [name for kind in SENSORS for name in signal_names(kind, robot.joint_names, robot.rigid)]
     present = signals_in(o.log, robot.plant(every))

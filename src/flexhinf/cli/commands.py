@@ -12,7 +12,7 @@ import json
 import sys
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.exceptions import TyperException
@@ -51,14 +51,22 @@ def robots() -> None:
     )  # the robots stay on the screen
 
 
-def schema() -> None:
-    """Print the JSON schema of a design file (design.toml), for editors and other programs."""
-    from flexhinf.design import design_schema
+def schema(
+    of: Annotated[
+        Literal["request", "design"],
+        typer.Argument(
+            help="request: design.toml, what a design is made of. design: design.json, its numbers."
+        ),
+    ] = "request",
+) -> None:
+    """Print the JSON schema of a file of a design, for editors and other programs."""
+    from flexhinf.designs import design_schema, numbers_schema
 
     encoding = str(getattr(sys.stdout, "encoding", None) or "utf-8")
     # JSON's own escapes, so that it stays JSON
     escaped = not encoding.lower().replace("-", "").startswith("utf")
-    typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=escaped))
+    found = design_schema() if of == "request" else numbers_schema()
+    typer.echo(json.dumps(found, indent=2, ensure_ascii=escaped))
 
 
 #: Each with its function and its examples, in the order of the help.
@@ -70,7 +78,8 @@ COMMANDS = {
         "flexhinf design planar-two-link",
         "flexhinf design paper --pose 90deg",
         "flexhinf design planar-two-link --pose 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
-        "flexhinf design paper --preset robust --peak-effort 24 --unknown-delay 2ms --out robust",
+        "flexhinf design paper --pose home --preset robust --peak-effort 24 --unknown-delay 2ms --out robust",
+        "flexhinf design planar-two-link --law lqg --estimator ekf",
         "flexhinf design flexhinf-design/design.toml --seed 1",
     ),
     "compare": (
@@ -82,7 +91,7 @@ COMMANDS = {
     ),
     "certify": (
         certify,
-        "flexhinf certify paper --preset damped --degrees 2",
+        "flexhinf certify paper --pose home --preset damped --degrees 2",
         "flexhinf certify design.toml --out proof",
         "flexhinf certify paper --pose 180deg --preset robust --degree 6",
         "flexhinf certify paper --pose 180deg --start 0 --preset damped --degrees 2 --tolerances",
@@ -114,7 +123,7 @@ COMMANDS = {
         "flexhinf identify log.csv --robot arm.toml --parameters stiffness --measured motor_position,link_position",
     ),
     "studio": (studio, "flexhinf studio", "flexhinf studio planar-two-link --no-browser --port 8080"),
-    "schema": (schema, "flexhinf schema > design.schema.json"),
+    "schema": (schema, "flexhinf schema > design.schema.json", "flexhinf schema design"),
 }
 
 

@@ -42,8 +42,8 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name, with_value
 
 if TYPE_CHECKING:
-    from flexhinf.design import Advice, WorkspaceEvidence
-    from flexhinf.design.design_file import DesignRequest
+    from flexhinf.designs import Advice, WorkspaceEvidence
+    from flexhinf.designs.request import DesignRequest
 
 #: Steps by which the bar of advice moves; a trial has about five, and some end early.
 TRIAL_STEPS = 12
@@ -61,9 +61,13 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
 
     By default one controller serves the workspace: all poses within the joint
     limits, or within --workspace. It is tested at random poses and in moves
-    between random goals. An option that only a design of one pose reads, such
-    as --pose, --preset or --degrees, makes a nonlinear law for that pose (by
-    default the robot's home). The report says which of the two it is.
+    between random goals. With --pose it is made for one pose (home is the
+    robot's own) and tested by the step to it, or by the move of --move.
+
+    --law names the law: modal by default, nl-hinf with --pose. --estimator
+    auto chooses what suits law and sensors. No other option changes the kind
+    of controller: one that law, estimator and task do not read is refused.
+    design.toml states law and estimator.
 
     The folder also holds design.toml, with the specification and its result.
     `flexhinf design design.toml` makes the same design again; options win
@@ -73,8 +77,8 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     (the report is written, and says so); 2 for a mistake, or for a
     specification that cannot be met (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import WorkspaceEvidence, design_with, stages
-    from flexhinf.design.design_file import robot_digests
+    from flexhinf.designs import WorkspaceEvidence, design_with, stages
+    from flexhinf.designs.design_file import robot_digests
     from flexhinf.robot.saved_file import robot_text
 
     request = request_of(context, o, o.robot, o.elastic)
@@ -125,7 +129,7 @@ def _advice(
 
     `joints`: whether a file with rigid joints can be written into `out`, which that command does not replace.
     """
-    from flexhinf.design import advise
+    from flexhinf.designs import advise
 
     with step_progress([("try", 1.0)] * TRIAL_STEPS) as progress:
         advice = advise(design, seconds, progress, joints)
@@ -156,20 +160,21 @@ def _show_design(result: fh.Design, folder: Path, o: options.DesignOptions, advi
     if advice is not None and advice.command:
         typer.echo(f"next: {join(advice.command)}  # meets every requirement")
         return
+    if not result.loop.has_controller:
+        typer.echo(f"next: flexhinf campaign run {quote(str(o.out))}  # tries it on many robots")
+        return
     why = "" if result.met else "  # shows this design as it is"
     typer.echo(f"next: flexhinf export web {quote(str(o.out))}{why}")
 
 
-@with_options(lambda: (options.CompareOptions, options.COMPARE_FIELDS))
+@with_options(lambda: (options.CompareOptions, options.ALL))
 def compare(context: typer.Context, o: options.CompareOptions) -> None:
     """Compare a design with other laws on the same robot.
 
-    By default over the workspace, as `flexhinf design` designs: every law runs in
-    the design's own loop and is judged by its requirements, each rival with the
-    largest bandwidth that keeps all limits, or with the numbers of --gains.
-
-    An option of one pose, such as --pose or --preset, compares laws at that pose.
-    There nonlinear H∞ and all others are tuned for one criterion.
+    Each law is designed for the same task, the workspace or --pose, as
+    `flexhinf design --law NAME` designs it: the fastest that keeps all limits, or
+    with the numbers of --gains. All are judged by the same requirements, at the
+    same poses, in the same moves and on the same robots.
 
     The criterion is stated first. The result is a table and a page, whose
     headline names the best rival.
@@ -177,34 +182,26 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     Exit code: 0 when the report is written, whoever wins; 2 for a mistake
     (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import known_design, stages
-    from flexhinf.design.result import verdict_on
+    from flexhinf.designs import read_gains, stages
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
-    counts, gains = o.candidates.split(",") if o.candidates else None, None
-    if o.gains is not None:
-        from flexhinf.design import read_gains
-
-        gains = read_gains(o.gains)
+    gains = None if o.gains is None else read_gains(o.gains)
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
     steps = stages(request.robot, request.specification, chosen or ())
     with step_progress([*steps, ("report", 3.0)], lines=True) as progress:
-        result = fh.compare(
-            request.robot, request.specification, chosen, o.tune, progress, o.same_sensors, counts, gains
-        )
+        result = fh.compare(request.robot, request.specification, chosen, progress, o.same_sensors, gains)
         progress("report")
-        verdict = verdict_on(known_design(request))
-        files = pages.comparison_files(result, reproduce_command(context), request.warnings, verdict=verdict)
+        files = pages.comparison_files(result, reproduce_command(context), request.warnings)
     keep(folder, other)
     report.write(folder, files)
     if o.verbose:
-        tables, notes, text = pages.compared_details(result)
+        tables, notes, text = pages.comparison_details(result)
         show(tables, notes)
         typer.echo(f"{text}\n")
-    tables, text = pages.compared_ending(result, verdict)
+    tables, text = pages.comparison_ending(result)
     show(tables)
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
 
@@ -232,9 +229,10 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
         from flexhinf.paper import STAGES, reproduce  # while the other process loads it too
         from flexhinf.paper.claims import NOT_JUDGED
 
+        drawings, command = pages.PaperDrawings(), ["flexhinf", "paper", *settings_text, *out]
         with step_progress(STAGES) as progress:
-            result = reproduce(stated, ["flexhinf", "paper", *settings_text, *out], progress, apart)
-    folder = report.write(o.out, result.files)
+            result = reproduce(stated, command, progress, apart, drawings.draw)
+    folder = report.write(o.out, pages.paper_files(result, drawings))
     title = (
         f"γ* of the paper's problem at the hanging rest (0°) = {result.metrics['gamma_star']:.4f}, "
         f"γ of its law here = {result.metrics['gamma']:.4f}"
@@ -263,18 +261,20 @@ CERTIFICATE = "certificate.json"
 def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     """Prove how far the law of a design can be trusted.
 
-    Writes a folder with a page and certificate.json. For robots of one joint it
-    finds the largest level of V that can be proved about the goal. Inside, the
+    Writes a folder with a page and the proof. Of a controller for a workspace it
+    proves which masses and payloads small motions about rest tolerate, over all
+    vibrations of the workspace: proof.json. Without --pose that is what a robot
+    of any number of joints has.
+
+    Of one pose (--pose, law nl-hinf) of a robot of one joint it finds the largest
+    level of V that can be proved about the goal: certificate.json. Inside, the
     gain from disturbances is bounded, and so are the steps from rest. The gain
     and the weights are those of --set checked_gamma_ratio and --set checked_penalty. The
     true state is fed back; with --observer the proof covers an observer too.
     With --tolerances it proves the step of the design for every robot within its
     tolerances. Weights that leave a state out, such as the paper's own, have no
     margin that could be proved: --preset damped finds others. Of one pose of a robot of more joints a region can only
-    be sampled: `flexhinf design ROBOT --degrees 2 --damping 0.3 --set rays=50`.
-
-    Of a design for a workspace it proves which masses and payloads small motions
-    about rest tolerate, over all vibrations of the workspace, and writes proof.json.
+    be sampled: `flexhinf design ROBOT --pose home --degrees 2 --damping 0.3 --set rays=50`.
 
     With --check, an independent program checks a certificate and reads nothing
     but the file. With --every-cell it trusts no rounding in doubles. --verbose
@@ -299,8 +299,8 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         "flexhinf certify design.toml",
     )
     from flexhinf.certify.certificate import theorem_text
-    from flexhinf.design import known_design
-    from flexhinf.design.certification import (
+    from flexhinf.designs import known_design
+    from flexhinf.designs.certification import (
         SAMPLED_ADVICE,
         NothingProved,
         SeveralJoints,
@@ -308,13 +308,13 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         evidence,
         proved,
     )
-    from flexhinf.design.problem.presets import preset_of
-    from flexhinf.design.result import verdict_on
-    from flexhinf.design.specification import is_for_workspace
+    from flexhinf.designs.fields import law_of
+    from flexhinf.designs.problem.presets import preset_of
+    from flexhinf.designs.result import verdict_on
 
     request = request_of(context, o, o.robot, o.elastic)
     several = len(request.robot.joint_names) > 1
-    if request.specification.workspace is not None or (several and is_for_workspace(request.specification)):
+    if law_of(request.specification).any_pose:
         return _certify_workspace(context, o, request)
     boxed = "--tolerances" if o.tolerances else "--preset proved"
     other = "--decay" if o.decay else "--observer"
@@ -376,9 +376,9 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
 
 def _certify_workspace(context: typer.Context, o: options.CertifyOptions, request: DesignRequest) -> int:
     """Write what is proved of a controller for a workspace."""
-    from flexhinf.design import requested_loop
-    from flexhinf.design.workspace.evidence import LoopOverWorkspace
-    from flexhinf.design.workspace.proof import check_unknown_delay, prove_workspace
+    from flexhinf.designs import requested_loop
+    from flexhinf.designs.workspace.evidence import LoopOverWorkspace
+    from flexhinf.designs.workspace.proof import check_unknown_delay, prove_workspace
 
     refuse_stated(context, of_workspace_proof(request))
     check_unknown_delay(request.specification)
@@ -404,7 +404,7 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
 
 def _loaded(request: DesignRequest) -> fh.Robot | None:
     """The robot of a design with its payload, or with an unknown one at its last link; None where it takes none."""
-    from flexhinf.design.deployed_run import with_payload
+    from flexhinf.designs.deployed_run import with_payload
     from flexhinf.robot.parameters import payload_masses
 
     if payload_masses(request.robot.parameters):
@@ -432,7 +432,7 @@ def _whole_command(context: typer.Context, advice: str) -> str:
 def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
     from flexhinf.certify.certificate import theorem_text
-    from flexhinf.design.workspace.proof import pair_verdict, stored_proof
+    from flexhinf.designs.workspace.proof import pair_verdict, stored_proof
 
     for name in stated_options(context):
         refuse_if(
@@ -491,10 +491,10 @@ def run_design(context: typer.Context, o: options.RunDesignOptions) -> int:
     2 for a mistake; 130 if interrupted.
     """
     from flexhinf.cli.arguments import without_effect_on_run
-    from flexhinf.design.deployed_run import perturbed, prepare_run
-    from flexhinf.design.plans import has_integrals
-    from flexhinf.design.result import verdict_on
-    from flexhinf.design.specification import is_for_workspace
+    from flexhinf.designs.deployed_run import perturbed, prepare_run
+    from flexhinf.designs.fields import law_of
+    from flexhinf.designs.plans import has_integrals
+    from flexhinf.designs.result import verdict_on
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
     from flexhinf.robot.parts import file_warnings
 
@@ -529,7 +529,7 @@ def run_design(context: typer.Context, o: options.RunDesignOptions) -> int:
     controller = designed.controller()
     refuse_stated(
         context,
-        acting(commanded=has_integrals(controller.law), workspace=is_for_workspace(designed.specification)),
+        acting(commanded=has_integrals(controller.law), workspace=law_of(designed.specification).any_pose),
     )
     prepared = prepare_run(
         controller,

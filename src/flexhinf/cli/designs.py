@@ -18,8 +18,8 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
-    from flexhinf.design import DesignRequest
-    from flexhinf.design.verdict import DesignVerdict
+    from flexhinf.designs import DesignRequest
+    from flexhinf.designs.verdict import DesignVerdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class DesignedController:
     @property
     def verdict(self) -> DesignVerdict:
         """On the design, in the units of its pages."""
-        from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+        from flexhinf.designs.verdict import UNKNOWN, DesignVerdict
 
         if self.robot is None or self.specification is None:
             return UNKNOWN
@@ -43,7 +43,7 @@ class DesignedController:
 
 def controller_file(source: str) -> Path:
     """As `file_of`, of a controller's file or a design file; a robot is refused."""
-    from flexhinf.design.design_file import is_design_file
+    from flexhinf.designs.design_file import is_design_file
 
     path = file_of(source)
     robot_file = path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists()
@@ -62,7 +62,7 @@ def controller_of(
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
     whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused;
     `estimates`: whether numbers of the robot may be estimates; `unmet`: whether it may miss its requirements."""
-    from flexhinf.design.design_file import is_design_file
+    from flexhinf.designs.design_file import is_design_file
 
     designed = (
         _of_design(path, tell, limits, estimates)
@@ -81,8 +81,8 @@ def controller_of(
 
 
 def _of_design(path: Path, tell: bool, limits: bool, estimates: bool) -> DesignedController:
-    from flexhinf.design.design_file import has_controller
-    from flexhinf.design.verdict import result_row, stored_rows
+    from flexhinf.designs.design_file import has_controller
+    from flexhinf.designs.verdict import result_row, stored_rows
 
     if has_controller(path):
         request = _request(path, tell, estimates)
@@ -95,8 +95,8 @@ def _of_design(path: Path, tell: bool, limits: bool, estimates: bool) -> Designe
 
 def design_of(path: Path, tell: bool = True, limits: bool = False, estimates: bool = True) -> fh.Design:
     """The design of a report, or of a design file that is designed now; options as of `controller_of`."""
-    from flexhinf.design import known_design, stages
-    from flexhinf.design.design_file import why_anew
+    from flexhinf.designs import known_design, stages
+    from flexhinf.designs.design_file import why_anew
 
     request = _request(path, tell, estimates)
     if (known := known_design(request)) is not None:
@@ -113,7 +113,7 @@ def design_of(path: Path, tell: bool = True, limits: bool = False, estimates: bo
 
 
 def _request(path: Path, tell: bool, estimates: bool) -> DesignRequest:
-    from flexhinf.design import read_request
+    from flexhinf.designs import read_request
     from flexhinf.robot.parts import file_warnings
 
     with file_warnings(note if tell else str):
@@ -125,7 +125,7 @@ def _request(path: Path, tell: bool, estimates: bool) -> DesignRequest:
 
 def refuse_estimates(robot: fh.Robot) -> None:
     """Refuse a robot of which numbers are estimates: a controller for a machine would rest on them."""
-    from flexhinf.design.verdict import estimated_text
+    from flexhinf.designs.verdict import estimated_text
 
     text = estimated_text(robot)
     refuse_if(
@@ -157,7 +157,7 @@ def _unlimited(robot: fh.Robot, s: fh.Specification) -> tuple[list[str], Mapping
     """Names of the inputs that neither the robot's file nor the specification limits, and units by signal."""
     import numpy as np
 
-    from flexhinf.design.responses import joint_limits
+    from flexhinf.designs.responses import joint_limits
 
     plant, stated = robot.plant(s.measured, extras=s.extras), joint_limits(robot, s).saturated
     most = np.full(len(plant.inputs), np.inf) if stated is None else stated
@@ -169,7 +169,7 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
 
     With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
     """
-    from flexhinf.design.design_file import is_design_file
+    from flexhinf.designs.design_file import is_design_file
     from flexhinf.robot.robot_file import usable_below
 
     path = checked_path("The design", source)

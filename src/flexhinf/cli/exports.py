@@ -40,7 +40,7 @@ class ExportGroup(Group):
 
     def list_commands(self, ctx: typer.Context) -> list[str]:
         """Names of all."""
-        from flexhinf.design.exports import EXPORTS
+        from flexhinf.designs.exports import EXPORTS
 
         return list(dict.fromkeys([*super().list_commands(ctx), *EXPORTS]))
 
@@ -49,7 +49,7 @@ class ExportGroup(Group):
         own = super().get_command(ctx, cmd_name)
         if own is not None:
             return own
-        from flexhinf.design.exports import EXPORTS
+        from flexhinf.designs.exports import EXPORTS
 
         if cmd_name not in EXPORTS:
             return None
@@ -78,7 +78,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     numbers are those of the simulation. README.md there has signals, units,
     memory and cost.
     """
-    from flexhinf.design.responses import joint_limits
+    from flexhinf.designs.responses import joint_limits
 
     if o.feedforward:
         _export_feedforward(o)
@@ -198,8 +198,8 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
     disturbances in, measurements and states out, its parameters to be set.
     It needs a C compiler.
     """
-    from flexhinf.design import read_request
-    from flexhinf.design.plans import true_robot
+    from flexhinf.designs import read_request
+    from flexhinf.designs.plans import true_robot
     from flexhinf.robot.parts import file_warnings
 
     out = o.out or _named_after(o.source, "-plant.fmu" if o.plant else ".fmu")
@@ -240,8 +240,8 @@ def export_web(context: typer.Context, o: options.ExportFileOptions) -> None:
 
 
 def _export(name: str, o: options.ExportFileOptions) -> None:
-    """Write what has a file of its own in `flexhinf.design.exports`."""
-    from flexhinf.design.exports import EXPORTS, Exported
+    """Write what has a file of its own in `flexhinf.designs.exports`."""
+    from flexhinf.designs.exports import EXPORTS, Exported
 
     kind = EXPORTS[name]
     path = (
@@ -270,7 +270,8 @@ def export_mjcf(context: typer.Context, o: options.ExportMjcfOptions) -> None:
     motors, and the pose home at rest as a keyframe. Other programs that read
     MJCF see the same two-mass joints.
     """
-    from flexhinf.design.design_file import meant_file, read_request
+    from flexhinf.designs.design_file import meant_file
+    from flexhinf.designs.request import read_request
     from flexhinf.robot.mjcf_export import elastic_mjcf
     from flexhinf.robot.parts import file_warnings
 
@@ -313,7 +314,7 @@ def _named_after(source: str, ending: str) -> Path:
 
 def _note_doubts(designed: DesignedController) -> None:
     """Print what speaks against a controller that leaves for a machine."""
-    from flexhinf.design.verdict import estimated_text
+    from flexhinf.designs.verdict import estimated_text
 
     if text := designed.verdict.unmet:
         note(f"{text}.")
@@ -326,14 +327,15 @@ def _note_doubts(designed: DesignedController) -> None:
 def _origin(path: Path, command: str, designed: DesignedController) -> dict[str, str]:
     """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, whether
     it met its requirements, and what it says of itself."""
-    from flexhinf.design.design_file import has_controller
-    from flexhinf.design.specification import PAST
-    from flexhinf.design.verdict import estimated_text
+    from flexhinf.designs.design_file import has_controller
+    from flexhinf.designs.requirements.requirement import PAST
+    from flexhinf.designs.verdict import estimated_text
 
     digest, numbers, rows = file_digest(path), {}, designed.rows
     if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
         known = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
-        numbers = {name: f"{known[name]:.6g}" for name in ("gamma", "degree") if known.get(name) is not None}
+        facts = known.get("facts", {})
+        numbers = {name: f"{facts[name]:.6g}" for name in ("gamma", "degree") if facts.get(name) is not None}
         if day := report.written_on(path.parent):
             numbers = {"designed on": day, **numbers}
         for name, known_digest in report.sources(path.parent).items():
@@ -356,7 +358,7 @@ def _origin(path: Path, command: str, designed: DesignedController) -> dict[str,
 def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """The design file, the robot file that it names, and a table of the requirements with what was found, by name; none
     for the file of a controller, although it may lie beside its design."""
-    from flexhinf.design.design_file import has_controller
+    from flexhinf.designs.design_file import has_controller
     from flexhinf.robot import catalogue
 
     if path.suffix != ".toml" or not has_controller(path):
@@ -375,14 +377,15 @@ def _short(value: object) -> str:
 
 def _requirement_line(row: Mapping[str, Any]) -> str:
     """A judged requirement as a line of a table; a file of an older version may lack a column."""
-    from flexhinf.design.specification import PAST
+    from flexhinf.designs.requirements.requirement import PAST
+    from flexhinf.designs.verdict import bound_name
 
     unit, met = row.get("unit", ""), PAST if row.get("within_tolerance") else "yes"
     cells = (
         f"{row.get('what', '')}",
-        f"{row.get('limit', '')} {_short(row.get('asked', ''))} {unit}".strip(),
+        f"{bound_name(row)} {_short(row.get('limit', ''))} {unit}".strip(),
         f"{_short(row.get('found', ''))} {unit}".strip(),
-        met if row["holds"] else "no",
+        met if row["met"] else "no",
         f"{row.get('where', '')}",
     )
     return f"| {' | '.join(cells)} |\n"

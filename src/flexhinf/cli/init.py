@@ -26,6 +26,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     Then: flexhinf check arm.toml, and flexhinf design arm.toml.
     """
     from flexhinf.robot.drive_text import loop_options
+    from flexhinf.robot.drives import TORQUE
     from flexhinf.robot.init_file import branches_text, description_of, drive_of, gears_named, robot_file_text
     from flexhinf.robot.template import template_text
 
@@ -51,7 +52,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     )
     refuse_existing(out, o.force)
     changes: list[str] = []
-    drive = o.drive or "torque"
+    drive = o.drive or TORQUE.name
     if path is None:
         text = template_text(o.joints, drive)
     else:
@@ -83,8 +84,8 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
 def too_fast(out: Path, text: str) -> tuple[str, ...]:
     """Joints of a robot file, by its text, whose springs vibrate faster than samples of a design's default period show;
     none of a file that is no robot yet, which `check` says."""
-    from flexhinf.design import Specification
-    from flexhinf.design.advice import unseen
+    from flexhinf.designs import Specification
+    from flexhinf.designs.advice import unseen
     from flexhinf.errors import FlexhinfError
     from flexhinf.robot import load_robot
     from flexhinf.robot.parts import file_warnings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -18,7 +19,7 @@ from flexhinf.options import interval
 from flexhinf.validation import extra_package, one_of, value_text
 
 if TYPE_CHECKING:  # what computes is loaded by the command that needs it
-    from flexhinf.design import DesignRequest
+    from flexhinf.designs import DesignRequest
     from flexhinf.estimation.bounds import Bounds
 
 
@@ -80,11 +81,10 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
         )
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
-        files = pages.estimate_files(result, reproduce_command(context), [*request.warnings, *notes], o.table)
-    report.write(folder, files)
-    ending = pages.estimate_ending(result, [text.replace("`", "") for text in notes])
-    show(ending.tables)
-    typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
+        page = pages.estimate_page(result, reproduce_command(context), [*request.warnings, *notes])
+        others = {f"estimate.{o.table}": pages.estimate_file(result, o.table)}
+        files = pages.report_files(page, "estimate.json", others)
+    _concluded(page, notes, folder, files)
 
 
 def in_degrees(request: DesignRequest) -> bool:
@@ -191,13 +191,24 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         progress("report")
         text = robot_text(found.robot, folder)
         notes = pages.left_out_notes(robot, extras, "the model")
-        files = pages.identified_files(result, reproduce_command(context), [*request.warnings, *notes], text)
-    report.write(folder, files)
-    ending = pages.identified_ending(result, [text.replace("`", "") for text in notes])
-    show(ending.tables)
-    typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
+        page = pages.identified_page(result, reproduce_command(context), [*request.warnings, *notes])
+        others = {"robot.toml": text} | (
+            {} if result.telling is None else {"motion.csv": result.telling.table()}
+        )
+        files = pages.report_files(page, "identify.json", others)
+    _concluded(page, notes, folder, files)
     if motion is not None or not found.consistent:
         raise typer.Exit(1)
+
+
+def _concluded(
+    page: report.Page, notes: Sequence[str], folder: Path, files: Mapping[str, str | bytes]
+) -> None:
+    """Write a report, and say what it says, with notes."""
+    report.write(folder, files)
+    ending = pages.page_ending(page, notes)
+    show(ending.tables)
+    typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
 
 
 def read_stated(o: options.LogOptions, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
@@ -240,8 +251,8 @@ def _stated_noises(
     """R^v (n, n) per row, None if no option states it, and the sensors whose noise or step an option states."""
     import numpy as np  # here, as --help needs none
 
-    from flexhinf.design.loop_setup import LoopPlants
-    from flexhinf.design.noise_levels import EstimatorNoise, sensor_steps
+    from flexhinf.designs.loop_setup import LoopPlants
+    from flexhinf.designs.noise_levels import EstimatorNoise, sensor_steps
 
     s, robot = request.specification, request.robot
     process = None
@@ -267,8 +278,8 @@ def _filter(
     bounds: Bounds,
 ) -> tuple[fh.UnscentedKalmanFilter | fh.ExtendedKalmanFilter, dict[str, str]]:
     """The filter, and who states its period and its noises: options, the design, or the log itself."""
-    from flexhinf.design.loop_setup import LoopPlants  # not for `flexhinf --help`
-    from flexhinf.design.noise_levels import EstimatorNoise
+    from flexhinf.designs.loop_setup import LoopPlants  # not for `flexhinf --help`
+    from flexhinf.designs.noise_levels import EstimatorNoise
     from flexhinf.identification.defaults import default_filter
 
     kinds = {"unscented": fh.UnscentedKalmanFilter, "extended": fh.ExtendedKalmanFilter}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from itertools import dropwhile, islice, pairwise
 from pathlib import Path
@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.exceptions import TyperException
 
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.options import option_name, with_value
 from flexhinf.progress import Steps, time_left
 from flexhinf.validation import late_package
 
 if TYPE_CHECKING:
     from flexhinf.cli import options as options
-    from flexhinf.design import specification
+    from flexhinf.designs import specification
 else:  # the help of all commands takes no declaration of an option
     options = late_package("flexhinf.cli.options")
-    specification = late_package("flexhinf.design.specification")
+    specification = late_package("flexhinf.designs.specification")
 
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
 #: the shells' code for an interruption.
@@ -38,8 +38,10 @@ LOG_ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".mcap")
 #: one word.
 @cache
 def _syntax() -> tuple[dict[str, str], re.Pattern[str], re.Pattern[str]]:
-    own = ("laws", "tune", "samples", "batch", "workers", "starts", "elastic", "payload")
-    known = {name: field.option for name, field in specification.FIELDS.items()}
+    own = ("laws", "samples", "batch", "workers", "starts", "elastic", "payload")
+    known = dict[str, str]()
+    with suppress(InvalidInput):  # an extension that cannot be imported, which is what is said then
+        known |= {name: field.option for name, field in specification.FIELDS.items()}
     known |= {name: option_name(name) for name in own}
     names = "|".join(known)
     keyword = rf"(?<![\w.])(?<!--set )({names})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)"

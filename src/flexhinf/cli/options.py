@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, laws_over, rivals
-from flexhinf.design.specification import EXTENDED, FIELDS
+from flexhinf.designs.campaign_options import CampaignOptions
+from flexhinf.designs.laws import LAWS, NL_HINF
+from flexhinf.designs.requirements.kinds import REQUIREMENTS
+from flexhinf.designs.specification import FIELDS
 from flexhinf.extensions import load_extensions
 from flexhinf.options import (
     ADVANCED,
@@ -27,7 +29,7 @@ from flexhinf.options import (
     UNCERTAIN,
     WAY,
     WRITTEN,
-    CampaignOptions,
+    Allowed,
     Duration,
     Flag,
     NotNegative,
@@ -43,29 +45,27 @@ from flexhinf.options import (
     Variances,
     Whole,
     argument,
+    choice,
     option,
+    read_by,
 )
 from flexhinf.paper.settings import PaperSettings
+from flexhinf.robot.drives import DRIVES
+from flexhinf.validation import one_of
 
 load_extensions()  # whose requirements and laws have options too
 ALL = tuple(FIELDS)
 
-#: Fields that no comparison computes with: what only the design is judged by, and its region.
-NOT_COMPARED = ("compare_rigid", "mujoco", "rays", "checked_gamma_ratio")
-COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
-
 #: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
-NOT_CERTIFIED = (
-    "workspace", "tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "undershoot",
-    "path_distance", "remaining_error",
-)  # fmt: skip
-CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in (*NOT_CERTIFIED, *EXTENDED))
+NOT_CERTIFIED = ("workspace", "angle_unit", "load", "rays", "compare_rigid", "mujoco")
+LIMITS = [kind for kind in REQUIREMENTS.values() if kind.info is not None]
+JUDGING = [kind.field for kind in LIMITS if not kind.searched]
+CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in (*NOT_CERTIFIED, *JUDGING))
 
 #: Fields that change a run and not its controller.
 RUN_FIELDS = (
-    "pose", "start", "shaping", "feedforward", "move", "tracking_error", "undershoot", "path_distance",
-    "remaining_error", "ripple", "overshoot", "angle_unit", "extras", "unknown_delay",
-    "quantisation", "measurement_noise", "load", "duration", "seed", *EXTENDED,
+    "pose", "start", "shaping", "feedforward", "move", "angle_unit", "extras", "unknown_delay", "quantisation",
+    "measurement_noise", "load", "duration", "seed", *(kind.field for kind in LIMITS if kind.of_motion is not None),
 )  # fmt: skip
 
 #: Fields that a filter for a log is made of.
@@ -82,7 +82,7 @@ IDENTIFY_FIELDS = (
 #: Where a command has more than `SEVERAL` options, its help shows these fields and its own options but the seldom used
 #: ones; --help-all shows all.
 USUAL_FIELDS = (
-    "workspace", "pose", "start", "move", "bandwidth", "damping", "overshoot", "preset", "remaining_error",
+    "workspace", "pose", "law", "start", "move", "bandwidth", "damping", "overshoot", "preset", "remaining_error",
     "peak_effort", "peak_speed", "saturation", "measured", "estimator", "period", "latency", "draws",
 )  # fmt: skip
 SELDOM = (
@@ -178,25 +178,15 @@ class CompareOptions(RobotOptions, VerboseOptions, ThreadOptions):
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
-        f"Names of laws between commas: pd,pid. Over a workspace they are {', '.join(laws_over())}; the default is "
-        f"{', '.join(laws_over(usual=True))}. At a pose they are {NL_HINF}, {', '.join(rivals())}, and {NL_HINF}-2 … "
-        f"{NL_HINF}-{LARGEST_DEGREE} for one degree of V; the default is all.", "pd,pid")
+        f"Names of laws between commas: pd,pid. They are {', '.join(LAWS)}. The default is "
+        f"{', '.join(name for name, kind in LAWS.items() if kind.usual)}, of those that serve the task and the drives. "
+        f"{NL_HINF} serves --pose alone.", "pd,pid")
     gains: Path | None = option(None, COMPARED,
-        "Over a workspace: a TOML file with numbers of laws, which are then not tuned. Its tables are named as laws "
-        "are, and have bandwidth, damping and other numbers, or kp, kd and ki for each joint.", "gains.toml",
-        unit="path")
-    tune: Text = option("peak", COMPARED,
-        "At a pose: what limits all laws when tuned: peak, the largest input of the step, as the motors or "
-        "--peak-effort limit it; bandwidth, at most the --bandwidth that is asked for; or none. The limits of "
-        "margins, damping and noise at the motors (--ripple) hold too. All limits are of the specification.",
-        "bandwidth")
+        "A TOML file with numbers of laws, which are then not tuned. Its tables are named as laws are, and have "
+        "bandwidth, damping and other numbers, or kp, kd and ki for each joint.", "gains.toml", unit="path")
     same_sensors: bool = option(False, COMPARED,
         "Every law measures what the design measures. Without this option each law has the sensors that its proponents "
         "would choose, such as an encoder on the motor for a PD.")
-    candidates: Text = option("", COMPARED,
-        "At a pose: candidates per parameter when a law is tuned: in the first round, and in each of the two later "
-        "ones. Fewer take less time; 0,0 tries the starting values of each law alone.", "4,2",
-        default="16,10; large models 3,2")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -471,6 +461,16 @@ class CheckOptions(LogOptions):
         "Write a report into this folder: a page and its numbers.", "flexhinf-check", "path", default="none")
 
 
+def drive_name(value: object) -> object:
+    """The name of a drive, in small letters. Raises `InvalidInput` for one that is not known."""
+    name = choice(value)
+    one_of("The motors are driven in an unknown way.", name, DRIVES, "'position'")
+    return name
+
+
+DriveName = Annotated[str, read_by(drive_name), Allowed(", ".join(DRIVES))]
+
+
 @dataclass(frozen=True, kw_only=True)
 class InitOptions:
     """Options of ``flexhinf init``."""
@@ -483,8 +483,8 @@ class InitOptions:
     gear: list[Text] = option([], ROBOT,
         "Published gear of a joint, by its name in `flexhinf robots`, or of all that turn: CSG-25-100. Repeat the "
         "option for more.", "shoulder=CSG-25-100", "joint=name", default="those that the file names")
-    drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"] | None, CHOICE] = option(None,
-        ROBOT, "What the motors take; current or voltage of a template, or where all are <dcmotor>.", "position",
+    drive: DriveName | None = option(None, ROBOT,
+        "What the motors take; current or voltage of a template, or where all are <dcmotor>.", "position",
         default="voltage where each joint has a <dcmotor> that takes it, else torque")
     out: Path | None = option(None, WRITTEN, "The robot file to write.", "arm.toml", "path",
         default="the name of the file with .toml, here")

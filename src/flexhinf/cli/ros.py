@@ -46,8 +46,8 @@ def run_node(context: typer.Context, o: options.RunDesignOptions, path: Path) ->
 
     from flexhinf import export
     from flexhinf.cli.designs import design_of
-    from flexhinf.design.deployed_run import perturbed
-    from flexhinf.design.simulated_robot import SimulatedRobot
+    from flexhinf.designs.deployed_run import perturbed
+    from flexhinf.designs.simulated_robot import SimulatedRobot
     from flexhinf.export.compiled_follower import checked_follower
     from flexhinf.export.controller_c import code_of
     from flexhinf.export.ros_node import node_name, ros_packages, run_ros

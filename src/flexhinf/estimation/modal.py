@@ -38,6 +38,7 @@ from flexhinf.estimation.stationary import (
     stationary_gain,
 )
 from flexhinf.plant import Plant
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.plant.joints import ElasticJoints, coupling_of, elastic_joints, link_compliance
 from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.protocols import Belief
@@ -45,16 +46,6 @@ from flexhinf.scalars import clip
 from flexhinf.scalars.run import Run
 from flexhinf.scalars.spectral import eigensystem
 from flexhinf.validation import read_only
-
-#: What a sensor sees of a pair's state (z, ż, w, ẇ), and the power of K^½ that scales its signal.
-SENSORS = {
-    "link_position": ((1.0, 0.0, 0.0, 0.0), 1),
-    "link_velocity": ((0.0, 1.0, 0.0, 0.0), 1),
-    "motor_position": ((0.0, 0.0, 1.0, 0.0), 1),
-    "motor_velocity": ((0.0, 0.0, 0.0, 1.0), 1),
-    "joint_torque": ((-1.0, 0.0, 1.0, 0.0), -1),
-    "deflection": ((-1.0, 0.0, 1.0, 0.0), 1),
-}
 
 #: Range of √λ, rad/s and rad per sample: faster vibrations are folded by the sampling, and gains are no smooth function
 #: of λ there. Beyond the ends the gain is that of the end. Degree of the series, which errs by less than 1e-6 of a
@@ -342,7 +333,7 @@ def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
     """
     kinds = _kinds(plant, n)
     if None in kinds:
-        seen = [kind for kind in SENSORS if {*plant.expanded(kind)} & {*plant.outputs}]
+        seen = [kind for kind in _pair_kinds() if {*plant.expanded(kind)} & {*plant.outputs}]
         shared = [kind for kind in seen if {*plant.expanded(kind)} <= {*plant.outputs}]
         usable = any("position" in kind for kind in shared)
         whole = (
@@ -354,7 +345,7 @@ def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
         )
         raise InvalidInput(
             "The joints do not all have the same sensors.",
-            f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
+            f"expected signals of {list(_pair_kinds())}, each of all joints, got {list(plant.outputs)}",
             "an ExtendedKalmanFilter, which takes any sensors; or "
             f"{'what all joints have' if usable else 'the same at all joints'}: measured={tuple(whole)}",
         )
@@ -364,8 +355,13 @@ def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
         f"expected link_position or motor_position among the signals, got {list(plant.outputs)}",
         "measured=('motor_position', 'joint_torque')",
     )
-    rows, powers = zip(*(SENSORS[str(kind)] for kind in kinds))
+    rows, powers = zip(*(_pair_kinds()[str(kind)] for kind in kinds))
     return np.array(rows), powers
+
+
+def _pair_kinds() -> dict[str, tuple[tuple[float, ...], int]]:
+    """What each sensor sees of a pair's state, and the power of K^½ that scales its signal; none of other sensors."""
+    return {name: kind.pair for name, kind in SENSORS.items() if kind.pair is not None}
 
 
 def has_equal_joints(plant: Plant, n: int) -> bool:
@@ -376,7 +372,7 @@ def has_equal_joints(plant: Plant, n: int) -> bool:
 def _kinds(plant: Plant, n: int) -> list[str | None]:
     """What each n signals of a plant measure at all joints; None where they are no sensors of all joints."""
     groups = (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))
-    return [next((kind for kind in SENSORS if plant.expanded(kind) == names), None) for names in groups]
+    return [next((kind for kind in _pair_kinds() if plant.expanded(kind) == names), None) for names in groups]
 
 
 def _series(ends: tuple[float, float], values: Elements, table: Elements) -> Elements:

@@ -68,6 +68,8 @@ from flexhinf.loop.controller.stop import (
     stop_size,
 )
 from flexhinf.plant import known, rcond_limit
+from flexhinf.plant.instruments import SENSORS
+from flexhinf.robot.drives import DRIVES
 from flexhinf.scalars import drop_empty, maximum, trace
 from flexhinf.stops import STOPS, Stop
 from flexhinf.validation import unknown_name
@@ -88,14 +90,6 @@ INTEGERS, INTEGER_BYTES = 8, 4
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
 
-#: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
-AT_MOTOR = {
-    "motor_position": "motor angle /",
-    "motor_velocity": "motor speed /",
-    "drive_torque": "motor torque *",
-    "velocity_command": "command of the motor's speed /",
-    "position_command": "command of the motor's angle /",
-}
 #: What the bits of a status say, and of one that a controller does not watch.
 STATUS = (
     "the command is outside of the positions that the design is for",
@@ -227,8 +221,10 @@ class ControllerCode:
     def unit_text(self, name: str) -> str:
         """A signal's unit in ASCII, and of a motor's where it is meant, with the gear ratio if the robot states one."""
         unit = self.units.get(name, "")
-        for signal, motor in AT_MOTOR.items():
-            if name == signal or name.startswith(f"{signal}_"):
+        kinds = {kind.name: kind.at_motor for kind in SENSORS.values()}
+        kinds |= {kind.quantity: kind.at_motor for kind in DRIVES.values()}
+        for signal, motor in kinds.items():
+            if motor and (name == signal or name.startswith(f"{signal}_")):
                 ratio = self.robot_numbers.get("gear_ratio" + name.removeprefix(signal))
                 gear = ", after the gear" if ratio is None else f" ({motor} {ratio:.10g})"
                 unit = f"{unit} at the joint{gear}".lstrip()

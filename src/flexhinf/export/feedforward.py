@@ -19,10 +19,8 @@ from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
 from flexhinf.export.rendering import arithmetic, names_in
 from flexhinf.robot.command_limits import command_limits, size_limits
-from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.shaper import longest_period, spring_matrices
-from flexhinf.robot.signals import UNITS
 
 #: Samples of the recorded path, beside its end at rest, and most where drives limit commands; largest difference of C
 #: and Python, relative and absolute.
@@ -66,7 +64,7 @@ def export_feedforward(
 def rows_text(feedforward: Feedforward, path: np.ndarray, rows: FeedforwardRows) -> str:
     """A path (N, n) and its commands as CSV, one row per period."""
     robot = feedforward.robot
-    units = COLUMNS | {"command": UNITS[DRIVES[robot.drive]]}
+    units = COLUMNS | {"command": robot.drive_kind.units}
     columns = [path, *rows[:4]]
     head = ["time [s]"] + [
         f"{kind}_{joint} [{pair[slides]}]"
@@ -162,7 +160,7 @@ def _facts(export: FeedforwardExport) -> dict[str, object]:
         "joints": robot.joint_names,
         "count": len(robot.joint_names),
         "size": feedforward.weights.shape[1],
-        "kind": DRIVES[robot.drive].replace("_", " "),
+        "kind": robot.drive_kind.quantity.replace("_", " "),
         "period": f"{feedforward.period:g}",
         "delay": f"{feedforward.delay:g}",
         "limited": bool(np.isfinite([command_limits(robot), size_limits(robot)]).any()),

@@ -18,7 +18,7 @@ from flexhinf.export.rendering import arithmetic, names_in
 from flexhinf.plant.joints import joint_places
 from flexhinf.robot import follow_machine, follow_pieces, follow_records
 from flexhinf.robot.drive_limits import largest_drive_torques
-from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
+from flexhinf.robot.elastic import InverseFlow, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
 from flexhinf.robot.follow_limits import ENDS, SHARE, ULPS
 from flexhinf.robot.follow_machine import PASSED
@@ -169,8 +169,8 @@ def largest_twists(code: ControllerCode, robot: Robot) -> np.ndarray:
     found = np.full(n, np.inf)
     p = robot.plant().parameters.named(robot.plant().parameters.vector())
     largest = np.maximum(np.abs(np.ravel(limits.lower)), np.abs(np.ravel(limits.upper)))
-    torques = np.broadcast_to(torque_per_input(robot.drive, p), n) * largest
-    if robot.drive in INNER:
+    torques = np.broadcast_to(robot.drive_kind.torque_per_input(p), n) * largest
+    if robot.drive_kind.inner:
         torques = largest_drive_torques(p, n)
     elastic = robot.layout.elastic
     found[elastic] = torques[elastic] / np.broadcast_to(p.stiffness, len(elastic))

@@ -12,11 +12,12 @@ by as much again at most; and its link twice as fast as that. The torque of a sp
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.loop import Controller
+from flexhinf.plant.instruments import SENSORS, JointRanges, SensorKind
 
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
@@ -30,35 +31,6 @@ TWICE = 2.0
 
 #: Room beyond the ends of a joint's range, as a share of it.
 ROOM = 0.05
-
-
-class Ranges(NamedTuple):
-    """What is known of one joint, infinite where it is not.
-
-    `low`, `high`: Of the link's position, rad or m. `speed`, `motor_speed`: rad/s or m/s. `torque`, `twist`: Of the
-    spring, N·m or N, and rad or m. `stiffness`: The largest, N·m/rad or N/m. `ends`: Of the output of the motor's gear,
-    rad or m.
-    """
-
-    low: float
-    high: float
-    speed: float
-    motor_speed: float
-    torque: float
-    twist: float
-    stiffness: float
-    ends: tuple[float, float]
-
-    def of(self, quantity: str) -> tuple[float, float, float]:
-        """Least and largest value, and largest change per s, of a quantity of this joint."""
-        return {
-            "link_position": (self.low, self.high, self.speed),
-            "motor_position": (self.ends[0] - self.twist, self.ends[1] + self.twist, self.motor_speed),
-            "link_velocity": (-self.speed, self.speed, np.inf),
-            "motor_velocity": (-self.motor_speed, self.motor_speed, np.inf),
-            "joint_torque": (-self.torque, self.torque, self.stiffness * (self.speed + self.motor_speed)),
-            "deflection": (-self.twist, self.twist, self.speed + self.motor_speed),
-        }[quantity]
 
 
 def measurement_limits(
@@ -78,11 +50,13 @@ def measurement_limits(
     """
     assert controller.estimator is not None
     sensors, joints = _sensors(controller.measured, robot), _joints(controller, robot, speeds)
-    rows = [joints[sensor[1]].of(sensor[0]) if sensor else (-np.inf, np.inf, np.inf) for sensor in sensors]
+    rows = [
+        sensor[0].plausible(joints[sensor[1]]) if sensor else (-np.inf, np.inf, np.inf) for sensor in sensors
+    ]
     unchecked = [
         (name, sensor)
         for name, sensor, (_, high, rate) in zip(controller.measured, sensors, rows, strict=True)
-        if np.isinf(rate if sensor and "position" in sensor[0] else high)
+        if np.isinf(rate if sensor and sensor[0].is_position else high)
     ]
     noise = NOISE * np.sqrt(np.diag(np.atleast_2d(controller.estimator.measurement_noise)))
     lower, upper, rate = np.transpose(rows)
@@ -99,10 +73,10 @@ def measurement_limits(
 IN_PYTHON = "in Python Controller(..., measurement_limits=(lower, upper, rate))"
 
 
-def _advice(robot: Robot, sensors: Sequence[tuple[str, str]]) -> str:
+def _advice(robot: Robot, sensors: Sequence[tuple[SensorKind, str]]) -> str:
     """What to state, and of which joints."""
-    fast = dict.fromkeys(joint for quantity, joint in sensors if quantity != "joint_torque")
-    weak = dict.fromkeys(joint for quantity, joint in sensors if quantity == "joint_torque")
+    fast = dict.fromkeys(joint for kind, joint in sensors if not kind.force)
+    weak = dict.fromkeys(joint for kind, joint in sensors if kind.force)
     stated = [
         f"{field} = {value} of the joint{'s' * (len(joints) > 1)} {', '.join(joints)} in the robot file, or "
         f"{option} {value} at the design"
@@ -115,14 +89,15 @@ def _advice(robot: Robot, sensors: Sequence[tuple[str, str]]) -> str:
     return "; ".join([*stated, IN_PYTHON])
 
 
-def _sensors(measured: Sequence[str], robot: Robot) -> list[tuple[str, str] | None]:
-    """Quantity and joint of each signal; None of one that is no sensor of the robot."""
+def _sensors(measured: Sequence[str], robot: Robot) -> list[tuple[SensorKind, str] | None]:
+    """Kind and joint of each signal; None of one that is no sensor of the robot."""
     from flexhinf.robot.parameters import per_joint
-    from flexhinf.robot.signals import SENSORS
 
     joints = robot.joint_names
     known = {
-        per_joint(quantity, joint, len(joints)): (quantity, joint) for quantity in SENSORS for joint in joints
+        per_joint(kind.name, joint, len(joints)): (kind, joint)
+        for kind in SENSORS.values()
+        for joint in joints
     }
     return [known.get(name) for name in measured]
 
@@ -133,27 +108,25 @@ def _with_room(low: float, high: float) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> dict[str, Ranges]:
+def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> dict[str, JointRanges]:
     """What is known of each joint by its name."""
     from flexhinf.plant.parameters import Parameters
     from flexhinf.robot.drive_limits import largest_drive_torques
-    from flexhinf.robot.elastic import torque_per_input
     from flexhinf.robot.parameters import per_joint
 
     joints, plant, limits = robot.joint_names, robot.plant(), controller.limits
     values = Parameters(plant.parameters.values)
     largest = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
     torques = TWICE * np.minimum(
-        np.abs(torque_per_input(robot.drive, values)) * largest,
+        np.abs(robot.drive_kind.torque_per_input(values)) * largest,
         largest_drive_torques(values, len(joints)),
     )
     links = TWICE * np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
     motors = np.array(
         [sum(abs(f) * v for f, v in zip(row, links) if f) for row in robot.layout.matrix.tolist()]
     )
-    if robot.drive == "voltage":
-        back = np.abs(np.broadcast_to(values.back_emf_constant, links.shape))
-        free = np.divide(TWICE * largest, back, out=np.full(links.shape, np.inf), where=back > 0.0)
+    free = robot.drive_kind.free_speeds(TWICE * largest, values)
+    if free is not None:
         known = (links, TWICE), (motors, 1.0)
         links, motors = (np.where(np.isfinite(own), own, factor * free) for own, factor in known)
 
@@ -161,7 +134,7 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
         name = per_joint(quantity, joint, len(joints))
         return robot[name].interval if name in robot.nominal else (0.0, 0.0)
 
-    found: dict[str, Ranges] = {}
+    found: dict[str, JointRanges] = {}
     columns = (links.tolist(), motors.tolist(), torques.tolist())
     ranges = [
         _with_room(*plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf)))
@@ -174,5 +147,5 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
         ends = sum(a for a, _ in turned), sum(b for _, b in turned)
         soft, stiff = interval("stiffness", joint)
         twist = 0.0 if joint in robot.rigid else torque / soft + interval("backlash", joint)[1]
-        found[joint] = Ranges(low, high, speed, motor_speed, torque, twist, stiff, ends)
+        found[joint] = JointRanges(low, high, speed, motor_speed, torque, twist, stiff, ends)
     return found

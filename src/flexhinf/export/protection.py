@@ -17,9 +17,9 @@ from flexhinf.export.plausible import IN_PYTHON, NOISE, TWICE, measurement_limit
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.protection import LOOK, WINDOW, Protection, observer_of
 from flexhinf.loop.controller.signs import LASTING
-from flexhinf.robot.drive_limits import UNLIMITED
-from flexhinf.robot.elastic import INNER, stated_curve
-from flexhinf.robot.parameters import per_joint
+from flexhinf.plant.instruments import SENSORS, sensor_of
+from flexhinf.robot.elastic import stated_curve
+from flexhinf.robot.parameters import UNLIMITED, per_joint
 
 if TYPE_CHECKING:
     from flexhinf.arrays import Matrix, Vector
@@ -157,7 +157,7 @@ class _Protected:
             winding=self.winding.tolist(),
             smoothing=self.braking[1].tolist(),
             brakes=list(self.robot.brakes),
-            drive=self.robot.drive if self.robot.drive in INNER else "torque",
+            drive=self.robot.drive_kind.commands,
             moved=[self.seen_of(j) for j in range(self.n)],
             motors=self.motors,
             twists=[self.twist_of(j) for j in self.watched],
@@ -217,7 +217,8 @@ class _Protected:
         """The signal that tells the twist of a joint's spring beside the links; "" where these tell it, or nothing."""
         if self.links:
             return ""
-        names = [self.signals(quantity)[joint] for quantity in ("deflection", "joint_torque")]
+        kinds = sorted((kind for kind in SENSORS.values() if kind.tells_twist), key=lambda kind: kind.force)
+        names = [self.signals(kind.name)[joint] for kind in kinds]
         return next((name for name in names if name in self.controller.measured), "")
 
     @cached_property
@@ -393,7 +394,7 @@ class _Protected:
 
         ends = np.maximum(np.abs(self.controller.limits.lower), np.abs(self.controller.limits.upper))
         stated = self.response * self.inertia * ends
-        known = np.isfinite(stated) & (self.robot.drive not in INNER)
+        known = np.isfinite(stated) & (not self.robot.drive_kind.inner)
         return np.where(known, stated, TWICE * self.torque)
 
     @cached_property
@@ -419,7 +420,7 @@ class _Protected:
     def most(self) -> tuple[Vector, Vector]:
         """Accelerations of motors at which their drives' own loops saturate, by their limits, or where none is stated
         by the smallest one that such an arm has; and 1 there, 0 of stated ones, (n,) each."""
-        if self.robot.drive not in INNER:
+        if not self.robot.drive_kind.inner:
             return np.full(self.n, np.inf), np.zeros(self.n)
         stated = self.robot.plant_parameters().get("drive_torque_limit", UNLIMITED)
         limit = np.broadcast_to(np.asarray(stated, dtype=float), self.n)
@@ -441,7 +442,7 @@ class _Protected:
     def breakaway(self, steps: Vector) -> Vector:
         """Changes of the inputs that move the motors by two steps of their encoders before one is called stuck, against
         dry friction that reverses (n,); infinite for drives with loops of their own."""
-        if self.robot.drive in INNER:
+        if self.robot.drive_kind.inner:
             return np.full(self.n, np.inf)
         measured = list(self.controller.measured)
         names = [self.seen_of(j) for j in range(self.n)]
@@ -452,9 +453,8 @@ class _Protected:
     @cached_property
     def compliance(self) -> Vector:
         """Twist per unit of the signals that tell it (g,), 0 where links do."""
-        names = [self.twist_of(j) for j in self.watched]
-        values = {"": 0.0} | {name: 1.0 for name in names if name.startswith("deflection")}
-        return np.array([values.get(name, 1.0 / self.stiffness[j]) for name, j in zip(names, self.watched)])
+        kinds = [(sensor_of(self.twist_of(j)), self.stiffness[j]) for j in self.watched]
+        return np.array([0.0 if kind is None else kind.twist_per_unit(k) for kind, k in kinds])
 
     # Motion -------------------------------------------------------------------------------------------
     @cached_property
@@ -534,7 +534,7 @@ class _Protected:
         m = len(c.law.input_names)
         small = np.asarray(c.watched["swings"][1][:m], dtype=float)
         span = c.limits.upper - c.limits.lower
-        if self.robot.drive in INNER:  # from one end of its torque to the other, where the drive stands
+        if self.robot.drive_kind.inner:  # from one end of its torque to the other, where the drive stands
             span = np.minimum(span, 2.0 * self.most[0] / np.maximum(np.abs(self.rates[0]), 1e-12))
         large = np.where(np.isfinite(span), LARGE * span, TIMES * small)
         return np.array([np.where(np.isfinite(small), small, large), np.maximum(large, TIMES * small)])
@@ -553,7 +553,7 @@ class _Protected:
         leaves a motor that nothing else damps a phase margin of 60 degrees, and noise moves the input by `HEARD` of
         its range at most."""
         c, none = self.controller, np.zeros(self.n)
-        if self.robot.drive in INNER:
+        if self.robot.drive_kind.inner:
             return none, np.full(self.n, WINDOW)
         gain = np.where(self.elastic, np.abs(self.rates[0]) * self.inertia, 1.0)
         noise = np.array(

@@ -17,25 +17,11 @@ from flexhinf.export.ros2_description import Commanded, Measured, description_va
 from flexhinf.export.ros_state import HEALTH, health_names, identifiers
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.plant.joints import coupling_of, joint_places
+from flexhinf.robot.drives import DRIVES
 from flexhinf.robot.parameters import per_joint
 from flexhinf.stops import STOPS, Stop
-
-#: Interfaces of a joint by the quantity of a signal: on the link's side those that ros2_control knows, on the motor's
-#: side names of our own.
-INTERFACES = {
-    "link_position": "position",
-    "link_velocity": "velocity",
-    "motor_position": "motor_position",
-    "motor_velocity": "motor_velocity",
-    "joint_torque": "effort",
-    "deflection": "deflection",
-    "drive_torque": "effort",
-    "motor_voltage": "voltage",
-    "motor_current": "current",
-    "velocity_command": "velocity",
-    "position_command": "position",
-}
 
 
 def package_name(code: ControllerCode) -> str:
@@ -130,16 +116,14 @@ def _usual_interfaces(code: ControllerCode, signals: Sequence[str]) -> list[str]
     """Usual interfaces of signals, with the names of the joints as the robot has them: ``elbow/position`` of
     link_position_elbow. The only joint of no known robot is called joint."""
     joints: Sequence[str] = () if code.robot is None else code.robot.joint_names
-    known = {
-        per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints
-    }
+    usual = {name: kind.interface for name, kind in SENSORS.items()}
+    usual |= {kind.quantity: kind.interface for kind in DRIVES.values()}
+    known = {per_joint(q, joint, len(joints)): f"{joint}/{usual[q]}" for q in usual for joint in joints}
     found: list[str] = []
     for name in signals:
-        quantity = next((q for q in INTERFACES if name == q or name.startswith(f"{q}_")), None)
+        quantity = next((q for q in usual if name == q or name.startswith(f"{q}_")), None)
         joint = name.removeprefix(quantity or "").removeprefix("_") or "joint"
-        found.append(
-            known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}")
-        )
+        found.append(known.get(name, f"{name}/value" if quantity is None else f"{joint}/{usual[quantity]}"))
     return found
 
 

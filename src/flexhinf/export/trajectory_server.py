@@ -285,7 +285,7 @@ class TrajectoryServer:
             self._end_goals(reason)
             if self.is_released:
                 return
-            if self.robot.drive != "position":
+            if not self.robot.drive_kind.takes_positions:
                 self.input = np.clip(0.0, self._limits.lower, self._limits.upper)
             self.is_released = True
         self.hardware.write(self.input)

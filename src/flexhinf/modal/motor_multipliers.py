@@ -50,6 +50,9 @@ FLAT, ADDED, PARTS, FARTHEST = (1.0, 0.1), (0.3, 4.0, 5.0, 1e4), (1.0, 0.5, 0.2)
 #: share at which rounds begin in turn; and at the last look by how much it falls at once.
 PROGRAMS, RAISED, WORTH, ROOMS, LESS = 300, 0.002, 1.01, (0.9, 0.7, 0.5), 0.99
 
+#: Part of the share of alike motors below which another place is tried: from one, rounding decides where it ends.
+FEW = 0.5
+
 #: The smallest part of a share, and bisections of its logarithm.
 SMALLEST, BISECTIONS = 1e-3, 8
 
@@ -62,8 +65,34 @@ def motor_tolerance(
     if not alike.share:
         return alike._replace(errors=fixed)
     path = _Path(pairs, shape, fixed, alike)
-    share, place = _first(path, alike.share)
-    left, rooms = PROGRAMS, list(ROOMS)
+    share, place, left = 0.0, np.zeros(0), PROGRAMS
+    for first, start in _begun(path, alike.share):
+        found = _raised(path, first, start, left)
+        left -= found.programs
+        if found.share > share or not len(place):
+            share, place = found.share, found.place
+        if share >= FEW * alike.share or left <= 0:
+            break
+    multipliers = path.multipliers(place)
+    every = _Path(pairs, shape, fixed, alike, LOOKED)
+    while share >= path.whole and not every.covers(share, multipliers):
+        share *= LESS
+    share = share if share >= path.whole else 0.0
+    return PopovTolerance(path.errors(share), multipliers, share)
+
+
+def _begun(path: _Path, most: float) -> list[tuple[float, np.ndarray]]:
+    """Places from which a search begins, each with its share; the best first."""
+    tried = [
+        (path.largest(path.multipliers(one), SMALLEST * most, most), one) for one in path.numbers.starts()
+    ]
+    order = sorted(range(len(tried)), key=lambda k: -tried[k][0])
+    return [tried[k] for k in order if k == order[0] or tried[k][0]]
+
+
+def _raised(path: _Path, share: float, place: np.ndarray, most: int) -> _Grown:
+    """The largest share of rounds of programs that begin at a place, of which there are at most some."""
+    left, rooms = most, list(ROOMS)
     while rooms and 0.0 < share < ENOUGH and left > 0:
         found = _grown(path, rooms.pop(0) * share, place, left)
         left -= found.programs
@@ -73,22 +102,7 @@ def motor_tolerance(
             share, place = found.share, found.place
         if share >= path.whole:  # smaller shares are for what would else be no proof
             rooms = [room for room in rooms if room == ROOMS[0]]
-    multipliers = path.multipliers(place)
-    every = _Path(pairs, shape, fixed, alike, LOOKED)
-    while share >= path.whole and not every.covers(share, multipliers):
-        share *= LESS
-    share = share if share >= path.whole else 0.0
-    return PopovTolerance(path.errors(share), multipliers, share)
-
-
-def _first(path: _Path, most: float) -> tuple[float, np.ndarray]:
-    """The best of some places, and its share; 0 where none has one."""
-    share, place = 0.0, np.zeros(0)
-    for one in path.numbers.starts():
-        low = max(SMALLEST * most, WORTH * share)
-        if (found := path.largest(path.multipliers(one), low, most)) > share or not len(place):
-            share, place = found, one
-    return share, place
+    return _Grown(share, place, most - left)
 
 
 class _Numbers:

@@ -12,6 +12,7 @@ from flexhinf.options import (
     Real,
     Text,
     Whole,
+    declared,
     option,
     option_name,
     with_parameters,
@@ -72,4 +73,4 @@ class PaperSettings:
             )
 
 
-PaperSettings.__doc__ = with_parameters(PaperSettings)
+PaperSettings.__doc__ = with_parameters(str(PaperSettings.__doc__), declared(PaperSettings))

@@ -17,8 +17,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from flexhinf.design.design_file import plain
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.designs.design_file import plain
+from flexhinf.designs.specification import FIELDS, Specification, SpecificationError
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot

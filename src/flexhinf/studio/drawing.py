@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexhinf.design.responses import Response
+from flexhinf.designs.responses import Response
 from flexhinf.robot import Robot, kinematics
 from flexhinf.robot.modes import Mode
 from flexhinf.studio.preview import Band, LinearParts, Nominal
@@ -202,7 +202,7 @@ def sensitivity_series(linear: LinearParts) -> dict[str, PlotData | None]:
     found, few = linear.response, _thinned(len(linear.response.frequencies))
     frequencies = found.frequencies[few]
     sizes = [np.linalg.norm(part[few], 2, axis=(1, 2)) for part in (found.sensitivity, found.complementary)]
-    limit = linear.nominal.setup.specification.peak_sensitivity_limit
+    limit = linear.nominal.setup.specification.limit("peak_sensitivity")
     return {
         "limit": curve(frequencies[[0, -1]], [limit, limit], colour="limit", dash=True, name="limit of |S|"),
         "T": curve(frequencies, sizes[1], colour="second", name="|T|"),

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexhinf.design.design_file import is_design_file
+from flexhinf.designs.design_file import is_design_file
 from flexhinf.errors import refuse_if
 from flexhinf.robot import catalogue
 from flexhinf.robot.waypoints import states_range

@@ -12,8 +12,8 @@ from typing import Any
 from nicegui import Client, core, ui
 from numpy.typing import ArrayLike
 
-from flexhinf.design.pipeline import stages
-from flexhinf.design.responses import Response
+from flexhinf.designs.pipeline import stages
+from flexhinf.designs.responses import Response
 from flexhinf.errors import FlexhinfError
 from flexhinf.numerals import number, number_text
 from flexhinf.pages.drawing import display_scale

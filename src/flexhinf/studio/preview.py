@@ -14,16 +14,15 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse
-from flexhinf.design import checks, pipeline, responses
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.judgement import sample_requirements
-from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
-from flexhinf.design.requirements import Requirement
-from flexhinf.design.requirements.loop_margins import margin_requirements, oscillation_requirements
-from flexhinf.design.responses import Response
-from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.steps import Synthesis, synthesise
+from flexhinf.designs import about_pose, checks, responses
+from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.judge import margin_requirements, oscillation_requirements, sample_requirements
+from flexhinf.designs.loop_setup import LoopSetup
+from flexhinf.designs.monte_carlo import MonteCarlo, sampled_runs
+from flexhinf.designs.requirements import Requirement
+from flexhinf.designs.responses import Response
+from flexhinf.designs.specification import Specification
+from flexhinf.designs.synthesis.steps import Synthesis, synthesise
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Controller
 from flexhinf.robot import Robot
@@ -52,7 +51,7 @@ class Nominal:
     @cached_property
     def evaluation(self) -> LawEvaluation:
         """The law in its linear loop."""
-        return LawEvaluation("design", self.setup)
+        return LawEvaluation(self.setup)
 
     @cached_property
     def deviations(self) -> Mapping[str, float]:
@@ -74,10 +73,10 @@ class Nominal:
     @cached_property
     def requirements(self) -> list[Requirement]:
         """Requirements on the step, as `flexhinf design` judges them."""
-        return pipeline.step_requirements(
+        return about_pose.step_requirements(
             self.setup,
             self.step,
-            pipeline.STEP,
+            about_pose.STEP,
             lambda length: self.setup.step(length, sub_steps=_sub_steps(self.step)),
             remaining=self.limit_cycle and self.limit_cycle.remaining,
         )
@@ -163,7 +162,7 @@ def _nominal(robot: Robot, s: Specification, check: Callable[..., None], begun: 
     synthesis = synthesise(robot, s, check)
     check()
     setup, limit_cycle = checks.end_limit_cycle(synthesis.setup(robot, s))
-    duration = pipeline.step_duration(LawEvaluation("design", setup), synthesis)
+    duration = about_pose.step_duration(LawEvaluation(setup), synthesis)
     step = setup.step(duration)
     return Nominal(synthesis, setup, limit_cycle, duration, step, time.perf_counter() - begun)
 

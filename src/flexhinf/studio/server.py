@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
-from flexhinf.design.design_file import DesignRequest
+from flexhinf.designs.request import DesignRequest
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.studio.folder import WorkingFolder
 from flexhinf.validation import extra_package

@@ -11,17 +11,14 @@ from typing import Any
 import tomlkit
 
 from flexhinf import export, pages, report
-from flexhinf.design import design, stages as design_stages
-from flexhinf.design.design_file import (
-    DesignRequest,
-    is_design_file,
-    meant_file,
-    read_request,
-    request_document,
-)
-from flexhinf.design.responses import Response, default_start
-from flexhinf.design.specification import PROVED, TORQUE_NOISE, Specification
-from flexhinf.design.stated_units import check_stated_units
+from flexhinf.designs import design, stages as design_stages
+from flexhinf.designs.design_file import is_design_file, meant_file, request_document
+from flexhinf.designs.fields import home_of
+from flexhinf.designs.laws import NL_HINF
+from flexhinf.designs.request import DesignRequest, read_request
+from flexhinf.designs.responses import Response, default_start
+from flexhinf.designs.specification import TORQUE_NOISE, Specification
+from flexhinf.designs.stated_units import check_stated_units
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.studio import controls
@@ -73,15 +70,16 @@ def opened(source: str = "", elastic: str = "") -> DesignRequest:
 def at_single_pose(request: DesignRequest, design: bool) -> DesignRequest:
     """The request with a goal, a start and, unless it comes from a design file, degree and noise level stated."""
     robot, s, notes = request.robot, request.specification, request.notes
-    own: dict[str, Any] = {}
-    if s.workspace is not None or (design and not s.pose_fields_stated):
-        own |= {"workspace": None, "preset": None if s.preset == PROVED else s.preset}
-        notes = (
-            *notes,
-            "The studio tunes at one pose: the workspace is left out, the goal is the robot's home.",
-        )
-    if s.pose is None and s.move is None:
-        own["pose"] = robot.home
+    own: dict[str, Any] = {"law": NL_HINF, "workspace": None}
+    if s.law != NL_HINF:
+        own |= {"estimator": "none" if s.estimator == "none" else "ukf", "preset": None}
+    if s.pose is None:
+        own["pose"] = home_of(robot)
+        if design:
+            notes = (
+                *notes,
+                "The studio tunes nl-hinf at one pose: the workspace is left out, the goal is the robot's home.",
+            )
     if s.start is None and s.move is None:
         goal = robot.operating_point(own.get("pose", s.pose))[0][: len(robot.joint_names)]
         own["start"] = tuple(default_start(robot, goal).tolist())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from flexhinf.design.requirements import Requirement
+from flexhinf.designs.requirements import Requirement
 from flexhinf.numerals import number, number_text
 from flexhinf.studio.preview import Band, LinearParts, Nominal
 
@@ -103,9 +103,7 @@ def _sensitivity(linear: LinearParts | None, lines: list[Requirement]) -> Tile:
         return Tile("unstable", "the nominal loop", False)
     s = linear.nominal.setup.specification
     delay = _joined(1e3 * margins.delay_margin_s, "ms")
-    beside = (
-        f"limit {s.peak_sensitivity_limit:g}\ngain margin × {number(margins.gain_margin, 3)}, delay {delay}"
-    )
+    beside = f"limit {s.limit('peak_sensitivity'):g}\ngain margin × {number(margins.gain_margin, 3)}, delay {delay}"
     kept = [line.met for line in lines if line.field in ("peak_sensitivity", "gain_margin", "delay_margin")]
     return Tile(number(margins.peak_sensitivity, 3), beside, all(kept))
 

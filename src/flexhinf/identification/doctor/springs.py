@@ -9,9 +9,7 @@ import numpy as np
 from flexhinf.identification.doctor.finding import LogFinding
 from flexhinf.identification.doctor.record import LoggedSignal, LogRecord
 from flexhinf.plant import Parameters
-
-#: What is positive where the motor pulls its link forward.
-PULLS = ("deflection", "joint_torque")
+from flexhinf.plant.instruments import SENSORS
 
 #: Deviation of the weights of a mean, in periods of the slowest vibration, which it takes out; a log has so many of
 #: them at limit.
@@ -27,7 +25,7 @@ AGAINST = -0.5
 def against_links(record: LogRecord) -> Iterator[LogFinding]:
     """Deflections and torques of springs that pull against the inertia and the weight of the links."""
     robot, log = record.robot, record.log
-    pulls = [channel for channel in record.outputs if channel.quantity in PULLS]
+    pulls = [channel for channel in record.outputs if _is_pull(channel.quantity)]
     if robot is None or not pulls or record.gaps.any():
         return
     places = [_position(record, joint) for joint in robot.joint_names]
@@ -58,6 +56,11 @@ def against_links(record: LogRecord) -> Iterator[LogFinding]:
                 channel.name,
                 column,
             )
+
+
+def _is_pull(quantity: str) -> bool:
+    """Whether a quantity is positive where the motor pulls its link forward."""
+    return quantity in SENSORS and SENSORS[quantity].tells_twist
 
 
 def _position(record: LogRecord, joint: str) -> LoggedSignal | None:
