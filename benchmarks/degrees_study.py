@@ -19,20 +19,20 @@ from rich.progress import track
 
 import flexhinf as fh
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design import Specification
-from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.noise_levels import EstimatorNoise
-from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
-from flexhinf.design.responses import (
+from flexhinf.designs import Specification
+from flexhinf.designs.loop_setup import LoopSetup
+from flexhinf.designs.monte_carlo import sampled_runs
+from flexhinf.designs.noise_levels import EstimatorNoise
+from flexhinf.designs.problem.presets import DesignProblem, choose, required_damping
+from flexhinf.designs.responses import (
     LOAD_FRACTION,
     Response,
     default_load,
     sample_robots,
     worst_of,
 )
-from flexhinf.design.synthesis.by_step import choose_degree, solve_degrees, step_cost, tried_degrees
-from flexhinf.design.synthesis.noise import search_noise
+from flexhinf.designs.synthesis.by_step import choose_degree, solve_degrees, step_cost, tried_degrees
+from flexhinf.designs.synthesis.noise import search_noise
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.signals import signal_names

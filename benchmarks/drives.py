@@ -36,16 +36,18 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 import flexhinf as fh  # noqa: E402
 from benchmarks.workspace.robots import ROBOTS  # noqa: E402
 from benchmarks.workspace.trip import NOISE  # noqa: E402
-from flexhinf.design.requirements import REQUIREMENTS  # noqa: E402
-from flexhinf.design.specification import TOLERANCE  # noqa: E402
-from flexhinf.design.workspace.judgement import (  # noqa: E402
+from flexhinf.designs.judge import (  # noqa: E402
     corner_requirements,
-    move_requirements,
     pose_requirements,
+    worst_move_requirements,
 )
-from flexhinf.design.workspace.rivals import rival_law  # noqa: E402
-from flexhinf.design.workspace.search import tuned_setup  # noqa: E402
-from flexhinf.design.workspace.setup import WorkspaceSetup  # noqa: E402
+from flexhinf.designs.requirements import REQUIREMENTS  # noqa: E402
+from flexhinf.designs.requirements.requirement import TOLERANCE  # noqa: E402
+from flexhinf.designs.task import Task  # noqa: E402
+from flexhinf.designs.workspace.resting_loops import corner_damping, gain_limit, pose_limits  # noqa: E402
+from flexhinf.designs.workspace.rivals import rival_law  # noqa: E402
+from flexhinf.designs.workspace.search import tuned_setup  # noqa: E402
+from flexhinf.designs.workspace.setup import WorkspaceSetup  # noqa: E402
 from flexhinf.errors import FlexhinfError  # noqa: E402
 from flexhinf.files import write_file  # noqa: E402
 from flexhinf.robot import Parameter, Robot  # noqa: E402
@@ -141,7 +143,7 @@ def designed(case: Case, robot: Robot) -> WorkspaceSetup:
     for period in periods:
         try:
             check_fast(robot, period)
-            return tuned_setup(robot, specification(case, period), workspace_of(robot))
+            return tuned_setup(robot, specification(case, period), Task(workspace_of(robot)))
         except FlexhinfError:
             if period == periods[-1]:
                 raise
@@ -163,14 +165,19 @@ def judged(setup: WorkspaceSetup, poses: np.ndarray, moves: int) -> dict[str, An
         loops = [setup.at_pose(pose, TOLERANCE) for pose in poses]
         corners = setup.true.robot.random_corners(len(poses), POSES_SEED)
         lines = [
-            *pose_requirements(s, loops),
-            *corner_requirements(s, [setup.at_corner(pose, own) for pose, own in zip(poses, corners)]),
+            *pose_requirements(s, loops, pose_limits(s)[0], gain_limit(s)),
+            *corner_requirements(
+                s, [setup.at_corner(pose, own) for pose, own in zip(poses, corners)], corner_damping(s)
+            ),
         ]
         row: dict[str, Any] = {"damping": min(loop.damping for loop in loops)}
         if max(loop.growth for loop in loops) < 1.0:
             goals, _ = setup.goals(moves + 1, GOALS_SEED)
-            lines += move_requirements(
-                setup, [setup.move(goals[k : k + 2], None, k) for k in range(moves)], "nominal robot"
+            lines += worst_move_requirements(
+                s,
+                setup.limits,
+                [setup.move(goals[k : k + 2], None, k) for k in range(moves)],
+                "nominal robot",
             )
             (left,) = (line.found for line in lines if line.what == REQUIREMENTS["remaining"].what)
             row["remaining"] = 1e3 * left if math.isfinite(left) else None

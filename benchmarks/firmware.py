@@ -41,7 +41,8 @@ from benchmarks import firmware_peers, firmware_tests, firmware_trajectories, fi
 from benchmarks.firmware_peers import PROGRAMS, Peer, kilobytes
 from benchmarks.firmware_tools import PC, run
 from benchmarks.record import keep_rows, kept_rows
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.export import export_c
 from flexhinf.export.stack import stack_bytes
 from flexhinf.robot.workspace import workspace_of
@@ -68,8 +69,8 @@ CLOCK, RATE = 168e6, 1e3
 #: The command whose controller is exported, by the number of links; 7w is for the workspace. The page names it.
 DESIGNS: dict[int | str, str] = {
     1: "flexhinf design paper --pose 90deg --start 0 --preset damped --degrees 4 --draws 0",
-    2: "flexhinf design planar-two-link --degrees 4 --draws 0",
-    7: "flexhinf design seven-link --degrees 2 --draws 0",
+    2: "flexhinf design planar-two-link --pose home --degrees 4 --draws 0",
+    7: "flexhinf design seven-link --pose home --degrees 2 --draws 0",
     "7w": "flexhinf design seven-link --workspace limits --measured link_position,motor_position",
 }
 
@@ -144,7 +145,7 @@ def controller(links: int | str) -> fh.Controller:
     if links == "7w":
         s = fh.Specification(workspace="limits", measured=("link_position", "motor_position"))
         robot = fh.load_robot("seven-link")
-        setup = tuned_setup(robot, s, workspace_of(robot, s.workspace))
+        setup = tuned_setup(robot, s, Task(workspace_of(robot, s.workspace)))
         return setup.controller(setup.workspace.home, supervision=setup.supervision)
     with tempfile.TemporaryDirectory() as work:
         words = [sys.executable, "-m", *shlex.split(DESIGNS[links]), "--out", "arm"]

@@ -21,7 +21,8 @@ import numpy as np
 
 import flexhinf as fh
 from benchmarks.record import keep_rows, kept_rows
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.export import export_c, protected
 from flexhinf.robot.workspace import workspace_of
 
@@ -52,7 +53,7 @@ def exported(folder: Path, name: str, one_pose: Callable[[int], fh.Controller]) 
         controller = _with_extended_filter(one_pose(1)).fresh(saturation=LIMIT)
     else:
         s = fh.Specification(workspace="limits", saturation=LIMIT)
-        setup = tuned_setup(robot, s, workspace_of(robot, s.workspace))
+        setup = tuned_setup(robot, s, Task(workspace_of(robot, s.workspace)))
         controller = setup.controller(setup.workspace.home, supervision=setup.supervision)
     controller, _ = protected(controller, robot)
     return export_c(controller, folder, name, robot=robot)

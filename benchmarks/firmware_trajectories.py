@@ -23,8 +23,9 @@ import numpy as np
 import flexhinf as fh
 from benchmarks.hardware.robots import files_of
 from benchmarks.record import keep_rows, kept_rows
-from flexhinf.design.simulated_robot import SimulatedRobot
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs.simulated_robot import SimulatedRobot
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.export.compiled_follower import follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.trajectory_server import TrajectoryServer
@@ -151,7 +152,7 @@ def measured(name: str) -> dict[str, Any]:
     robot = fh.load_robot(ROBOTS[name])
     limit = VOLTAGE if name == "planar-two-link" else None  # the other states its limits
     s = fh.Specification(workspace="limits", measured=("link_position", "motor_position"), saturation=limit)
-    setup = tuned_setup(robot, s, workspace_of(robot, s.workspace))
+    setup = tuned_setup(robot, s, Task(workspace_of(robot, s.workspace)))
     controller = setup.controller(setup.workspace.home, supervision=setup.supervision)
     poses = np.vstack([setup.workspace.home, setup.goals(2, 1)[0]])
     row: dict[str, Any] = {"robot": name}

@@ -33,16 +33,17 @@ import numpy as np  # noqa: E402
 import flexhinf as fh  # noqa: E402
 from benchmarks.drives import keep, kept_in  # noqa: E402
 from benchmarks.workspace.robots import ROBOTS  # noqa: E402
-from flexhinf.design.requirements import REQUIREMENTS  # noqa: E402
-from flexhinf.design.specification import TOLERANCE  # noqa: E402
-from flexhinf.design.workspace.judgement import move_requirements, pose_requirements  # noqa: E402
-from flexhinf.design.workspace.search import tuned_setup  # noqa: E402
-from flexhinf.design.workspace.setup import WorkspaceSetup  # noqa: E402
+from flexhinf.designs.judge import pose_requirements, worst_move_requirements  # noqa: E402
+from flexhinf.designs.requirements import REQUIREMENTS  # noqa: E402
+from flexhinf.designs.requirements.requirement import TOLERANCE  # noqa: E402
+from flexhinf.designs.task import Task  # noqa: E402
+from flexhinf.designs.workspace.resting_loops import gain_limit, pose_limits  # noqa: E402
+from flexhinf.designs.workspace.search import tuned_setup  # noqa: E402
+from flexhinf.designs.workspace.setup import WorkspaceSetup  # noqa: E402
 from flexhinf.errors import FlexhinfError  # noqa: E402
 from flexhinf.plant import BlackBox, Parameters  # noqa: E402
 from flexhinf.robot import Parameter, Robot  # noqa: E402
 from flexhinf.robot.actuators import published_gears  # noqa: E402
-from flexhinf.robot.elastic import torque_per_input  # noqa: E402
 from flexhinf.robot.gears import CURVE, secant  # noqa: E402
 from flexhinf.robot.parameters import per_joint  # noqa: E402
 from flexhinf.robot.workspace import workspace_of  # noqa: E402
@@ -88,7 +89,7 @@ def geared(robot: Robot, effects: Sequence[str]) -> Robot:
     """A robot whose joints that turn have gears of a catalogue, with some effects of them."""
     n, numbers = len(robot.joint_names), []
     plant = robot.plant_parameters()
-    gain = np.broadcast_to(torque_per_input(robot.drive, Parameters(plant)), n)
+    gain = np.broadcast_to(robot.drive_kind.torque_per_input(Parameters(plant)), n)
     for joint, slides, limit, k in zip(
         robot.joint_names, robot.links.slides, robot.effort_limits or (), gain
     ):
@@ -127,11 +128,18 @@ def judged(setup: WorkspaceSetup, poses: int, moves: int) -> dict[str, Any]:
     where = setup.workspace.sample(poses, POSES_SEED)
     try:
         loops = [setup.at_pose(pose, TOLERANCE) for pose in where]
-        lines = list(pose_requirements(setup.specification, loops))
+        lines = list(
+            pose_requirements(
+                setup.specification,
+                loops,
+                pose_limits(setup.specification)[0],
+                gain_limit(setup.specification),
+            )
+        )
         row: dict[str, Any] = {"damping": float(f"{min(loop.damping for loop in loops):.3g}")}
         goals, _ = setup.goals(moves + 1, GOALS_SEED)
         runs = [setup.move(goals[k : k + 2], None, k) for k in range(moves)]
-        lines += move_requirements(setup, runs, "nominal robot")
+        lines += worst_move_requirements(setup.specification, setup.limits, runs, "nominal robot")
     except (FlexhinfError, ArithmeticError, np.linalg.LinAlgError) as error:
         return {"refused": " ".join(str(error).split())[:200]}
     for name in ("remaining", "ripple"):
@@ -224,7 +232,7 @@ def made(name: str, effect: str, plain: WorkspaceSetup, poses: int, moves: int) 
     else:
         effects = {PLAIN: [], ALL: list(EFFECTS)}.get(effect, [effect])
         robot = geared(ROBOTS[name].robot(), effects)
-        own = plain if effect == PLAIN else tuned_setup(robot, plain.specification, workspace_of(robot))
+        own = plain if effect == PLAIN else tuned_setup(robot, plain.specification, Task(workspace_of(robot)))
         unaware = plain if effect == PLAIN else replace(plain, other=robot)
         record = {"knows": judged(own, poses, moves), "does not": judged(unaware, poses, moves)}
     return {"poses": poses, "moves": moves, **record, "cpu_seconds": round(time.process_time() - began)}
@@ -284,7 +292,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name in given.robots:
         robot = geared(ROBOTS[name].robot(), [])
         plain = tuned_setup(
-            robot, fh.Specification(measured=("link_position", "motor_position")), workspace_of(robot)
+            robot, fh.Specification(measured=("link_position", "motor_position")), Task(workspace_of(robot))
         )
         for effect in (PLAIN, *EFFECTS, ALL, HYSTERESIS):
             key = f"{name}/{effect}"

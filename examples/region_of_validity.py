@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 import flexhinf as fh
-from flexhinf.design import try_degrees
+from flexhinf.designs import try_degrees
 
 CHECKED = (60.0, 0.0, 0.0, 0.0, 300.0)  # the paper's penalty, Eq. (11)
 ROWS = (

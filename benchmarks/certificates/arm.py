@@ -35,8 +35,8 @@ from flexhinf.certify import Certificate, prove
 from flexhinf.certify.box import common_value, parameter_ranges, tolerance_statement
 from flexhinf.certify.problem_to_claim import statement_of, terms_of
 from flexhinf.certify.proof import certify_tolerances
-from flexhinf.design.problem.presets import choose
-from flexhinf.design.specification import Specification
+from flexhinf.designs.problem.presets import choose
+from flexhinf.designs.specification import Specification
 from flexhinf.hinf.sampled import equilibrium_state, step_amplitude, step_roles
 
 __all__ = ["COMMON", "claim_at", "given_storage", "ours", "solution_of"]

@@ -25,9 +25,9 @@ from flexhinf.campaign import (
     merged,
     stored_worst,
 )
-from flexhinf.design.campaign_folder import stored_campaign
+from flexhinf.designs.campaign_folder import stored_campaign
 from flexhinf.pages import worst_text
-from flexhinf.pages.campaign_numbers import interval_text
+from flexhinf.pages.campaign_text import interval_text
 
 __all__ = ["BUILD", "KINDS", "LIMIT", "ROBOTS", "ROWS", "Robot", "kept", "make", "nearest"]
 

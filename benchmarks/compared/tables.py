@@ -31,9 +31,9 @@ def laws() -> str:
             continue
         rows = {law["name"]: law for law in numbers["laws"]}
         for law in (rows[key] for key in numbers["order"]):
-            missed = list(dict.fromkeys(line["what"] for line in law["specification"] if not line["holds"]))
+            missed = list(dict.fromkeys(line["what"] for line in law["requirements"] if not line["met"]))
             cells = [name, f"`{law['name']}`", f"{law['bandwidth']:.3g} rad/s"]
-            cells += [_worst(law["specification"], what, factor) for what, (_, factor) in SHOWN.items()]
+            cells += [_worst(law["requirements"], what, factor) for what, (_, factor) in SHOWN.items()]
             lines.append(_cells([*cells, "; ".join(missed) or "none"]))
     return "\n".join(lines)
 
@@ -43,8 +43,8 @@ def _worst(lines: list[dict[str, Any]], what: str, factor: float) -> str:
     found = [line for line in lines if line["what"] == what]
     if any(line["found"] is None for line in found):
         return "diverges"
-    upper = found[0]["limit"] == "at most"
-    worst = max(found, key=lambda line: (line["found"] if upper else -line["found"]) / line["asked"])
+    upper = found[0]["at_most"]
+    worst = max(found, key=lambda line: (line["found"] if upper else -line["found"]) / line["limit"])
     return f"{factor * worst['found']:.3g}"
 
 

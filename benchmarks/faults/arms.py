@@ -23,8 +23,9 @@ import flexhinf as fh
 from benchmarks.faults.kinds import Facts
 from benchmarks.faults.robot import Robot, read_robot, source
 from benchmarks.limits.arms import noise_in
-from flexhinf.design.workspace.evidence import LoopOverWorkspace
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.evidence import LoopOverWorkspace
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import FILES, Export, files_of, write_files
 from flexhinf.export.self_test import Accuracy
@@ -152,7 +153,7 @@ def _exported(arm: Source, folder: Path) -> None:
     """The law that a design finds, as C: the files that firmware compiles."""
     robot = fh.load_robot(arm.file)
     specification = fh.Specification(workspace="limits", **arm.settings)
-    setup = tuned_setup(robot, specification, workspace_of(robot))
+    setup = tuned_setup(robot, specification, Task(workspace_of(robot)))
     code = code_of(LoopOverWorkspace(setup).controller(), "arm", arm.real, robot)
     files = [file for file in FILES if file.template in ("follow.c", "follow.h")]
     write_files(folder, {**code.files, **files_of(Export(code, (), Accuracy((), (), ""), {}), files)})

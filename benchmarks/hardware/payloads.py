@@ -9,9 +9,9 @@ import numpy as np
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.design.plans import move_reference, quintic_move
-from flexhinf.design.responses import Move, Response
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.plans import move_reference, quintic_move
+from flexhinf.designs.responses import Move, Response
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.robot import weigh_payload
 from flexhinf.robot.signals import signal_names
 

@@ -12,8 +12,9 @@ import numpy as np
 
 import flexhinf as fh
 from benchmarks.hardware.payloads import MOVES, POSES, carried
-from flexhinf.design import Specification
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs import Specification
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.robot.workspace import workspace_of
 
 __all__ = ["measure"]
@@ -54,7 +55,7 @@ def _workspace(task: dict[str, Any]) -> dict[str, Any]:
             for line in design.requirements
         ]
     else:
-        setup, lines = tuned_setup(robot, specification, workspace_of(robot), _said), []
+        setup, lines = tuned_setup(robot, specification, Task(workspace_of(robot)), _said), []
     row = {"seconds": time.process_time() - begin, "requirements": lines}
     return row | {"poses": POSES, "moves": MOVES, "carried": carried(setup, task["masses"])}
 

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.workspace.arm import LATENCY, PERIOD
 from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, make_missing
-from flexhinf.design.workspace.search import BANDWIDTHS, pair_weights
+from flexhinf.designs.workspace.search import BANDWIDTHS, pair_weights
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.tolerance import tolerated_error
 from flexhinf.plant import Penalty

@@ -21,13 +21,13 @@ from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, make_missing
 from flexhinf.certify.checker.pair_claim import pair_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
-from flexhinf.design import Specification
-from flexhinf.design.workspace.everywhere import everywhere
-from flexhinf.design.workspace.masses import stated_errors
-from flexhinf.design.workspace.pair_proof import largest_certificate
-from flexhinf.design.workspace.proof import proved_errors
-from flexhinf.design.workspace.search import BANDWIDTHS, RANDOM, pair_weights
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs import Specification
+from flexhinf.designs.workspace.everywhere import everywhere
+from flexhinf.designs.workspace.masses import stated_errors
+from flexhinf.designs.workspace.pair_proof import largest_certificate
+from flexhinf.designs.workspace.proof import proved_errors
+from flexhinf.designs.workspace.search import BANDWIDTHS, RANDOM, pair_weights
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.multipliers import small_gain_tolerance
 from flexhinf.modal.pair_errors import EXACT, SYMMETRIC, Errors, Sector

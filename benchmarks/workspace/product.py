@@ -30,9 +30,10 @@ from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.linear import Linear
 from benchmarks.workspace.trip import NOISE, RESOLUTION
 from flexhinf.analysis import EquilibriumLoop, LinearLoop
-from flexhinf.design.plans import stated_dry_friction
-from flexhinf.design.workspace.search import tuned_setup
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.plans import stated_dry_friction
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.robot.workspace import LIMITS, workspace_of
 
 __all__ = ["OnePose", "OverWorkspace"]
@@ -131,7 +132,7 @@ class OverWorkspace(Product):
         robot = self.arm.robot
         steps = np.tile(np.where(self.arm.slides, RESOLUTION[1], RESOLUTION[0]), len(self.measured))
         asked = self.specification(workspace=LIMITS, quantisation=tuple(steps.tolist()), ripple=RIPPLE)
-        return tuned_setup(robot, asked, workspace_of(robot, LIMITS))
+        return tuned_setup(robot, asked, Task(workspace_of(robot, LIMITS)))
 
     def designed(self) -> tuple[fh.Controller, dict[str, Any]]:
         """Its controller."""
