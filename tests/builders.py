@@ -18,6 +18,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.baselines import lqr
+from flexhinf.designs.laws import NL_HINF
+from flexhinf.designs.numbers_file import VERSION
+from flexhinf.designs.requirements import Requirement
 from flexhinf.plant import BlackBox, Law, Plant, rk4_step
 from flexhinf.robot import Parameter
 
@@ -292,6 +295,7 @@ def tracking_mass(kind: Any, **options: Any) -> fh.Controller:
 def report_numbers(*rows: tuple[str, float, bool]) -> str:
     """The design.json of a report of the paper's arm, as far as commands read it: what, found and met of requirements
     whose limit is 0."""
-    lines = [{"what": what, "asked": 0.0, "found": found, "met": met} for what, found, met in rows]
-    numbers = {"robot": "paper", "estimator_noise": None, "weights": {"wanted": None}, "requirements": lines}
+    lines = [Requirement(what, 0.0, found).row | {"met": met} for what, found, met in rows]
+    facts = {"estimator_noise": None, "weights": {"wanted": None}}
+    numbers = {"version": VERSION, "robot": "paper", "law": NL_HINF, "requirements": lines, "facts": facts}
     return json.dumps(numbers)

@@ -1,7 +1,7 @@
 """An estimator in a file of its own, as CONTRIBUTING.md prints it: no other file names it."""
 
 from flexhinf import ExtendedKalmanFilter
-from flexhinf.design.estimators import EstimatorKind, register
+from flexhinf.designs.estimators import EstimatorKind, register
 
 
 def fast(task):

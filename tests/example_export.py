@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flexhinf.codegen.c import Real
-from flexhinf.design.exports import ExportKind, register
+from flexhinf.designs.exports import ExportKind, register
 from flexhinf.export.file_list import File, rendered
 
 

@@ -2,22 +2,15 @@
 
 import numpy as np
 
-from flexhinf.baselines import MotorPD
-from flexhinf.design.laws import IN_USE, LawKind, LawOver, register
+from flexhinf.designs.laws import LawKind, LawOver, register
 
 
-def about_a_pose(problem, bandwidth):
-    return MotorPD.tuned(problem, bandwidth=bandwidth, damping=1.0)
-
-
-def over_a_workspace(model, numbers):
+def gains(model, numbers):
     """Torques (n, 5n) per deviation of links, their velocities, motors, their velocities, and integral."""
     w, none = model.bandwidths(numbers), np.zeros((len(model.pose),) * 2)
     inertia = np.diag(np.diag(model.home.link_inertia) + model.home.motor_inertia)
     return np.hstack([none, none, -inertia * w**2, -2.0 * inertia * w, none])
 
 
-over = LawOver(over_a_workspace, names=("bandwidth",), variants=({"share": 1.0}, {"share": 0.5}))
-tuned = ("bandwidth", "estimator_noise", "motor_noise")
-what = "pd-critical", "critically damped PD", IN_USE, "Tomei 1991", "inertia"
-register(LawKind(*what, make=about_a_pose, tuned=tuned, over=over))
+over = LawOver(gains, names=("bandwidth",), variants=({"share": 1.0}, {"share": 0.5}))
+register(LawKind("pd-critical", "critically damped PD", "Tomei 1991", over, sensors=("motor_position",)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flexhinf.design.requirements import RequirementKind, register
+from flexhinf.designs.requirements import RequirementKind, register
 
 
 def rise_times(motion):

@@ -28,7 +28,7 @@ from typing import NamedTuple, NoReturn
 REPOSITORY = Path(__file__).resolve().parents[1]
 #: What most commands import sooner or later.
 IMPORTED = (
-    "flexhinf.cli.commands", "flexhinf.design", "flexhinf.design.workspace", "flexhinf.export", "flexhinf.campaign",
+    "flexhinf.cli.commands", "flexhinf.designs", "flexhinf.designs.workspace", "flexhinf.export", "flexhinf.campaign",
     "flexhinf.report", "llvmlite.binding", "matplotlib.figure", "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg", "scipy.optimize", "scipy.signal",
 )  # fmt: skip

@@ -15,9 +15,11 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 #: Texts of three words or more that are no sentences: names of forms and of fields, values of settings, code.
 NO_SENTENCES = {
     "method: random → sobol", "method: random ↔ sobol",  # settings of campaigns
+    "overshoot (the step), found", "overshoot (the step), verdict", "bits: coefficients of V",  # of frozen designs
+    "bits: SHA-256 of the law", "loop: gains at its pose", "loop: poles at its pose",
     "output injection observer",  # of certificates, in their files
     "link velocities only", "motor velocities only",  # forms of process noise
-    "noise at the motor", "inertia zz elbow +20 %", "payload mass elbow ", "payload mass elbow 2 kg",  # quantities
+    "inertia zz elbow +20 %", "payload mass elbow ", "payload mass elbow 2 kg",  # quantities
     "define internal void",  # LLVM
     "arm (must see|computes what|rounds to)|arm_type_of_constants",  # of generated C
     "Jet(1 variables, degree 2", "Jet(1 variables, degree 2, value 0.5)", "RuntimeError: no OpenGL",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -20,16 +21,16 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
 
-from flexhinf.design.requirements import Motion, RequirementKind, loop_margins, register
-from flexhinf.design.specification import FIELDS, Specification, declare_limit
+from flexhinf.designs import judge
+from flexhinf.designs.requirements import REQUIREMENTS, Motion, RequirementKind, register
+from flexhinf.designs.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.extensions import Registry
-from flexhinf.options import About
 
 # Designs and exports in processes of their own, which make little with what they compile.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-ADDED = ("requirement", "law", "estimator", "export")
+ADDED = ("requirement", "law", "estimator", "export", "sensor", "drive")
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -80,18 +81,20 @@ def test_a_program_states_the_limit_as_any_field(run: Run) -> None:
         import pickle, tomllib
         from dataclasses import replace
         import flexhinf as fh
-        from flexhinf.design import design_schema, read_request
-        from flexhinf.design.design_file import request_document
+        from flexhinf.designs import design_schema, read_request
+        from flexhinf.designs.design_file import request_document
+        from flexhinf.designs.fields import resolved
 
         s = fh.Specification(rise_time="500ms", seed=3)
         assert s.rise_time == 0.5 and s == fh.Specification(rise_time=0.5, seed=3) != fh.Specification(seed=3)
         assert replace(s, seed=4).rise_time == 0.5 and replace(s, rise_time=None) == fh.Specification(seed=3)
-        assert pickle.loads(pickle.dumps(s)) == s and not s.pose_fields_stated
+        assert pickle.loads(pickle.dumps(s)) == s and s.pose is None
         text = request_document(s, "paper").as_string()
         assert tomllib.loads(text)["design"] == {"robot": "paper", "rise_time": 0.5, "seed": 3}
         open("design.toml", "w").write(text)
-        assert read_request("design.toml", is_file=True).specification == s
-        assert design_schema()["properties"]["design"]["properties"]["rise_time"]["exclusiveMinimum"] == 0
+        asked = read_request("design.toml", is_file=True)
+        assert asked.specification == resolved(asked.robot, s)
+        assert design_schema()["properties"]["design"]["properties"]["rise_time"]["anyOf"][0]["exclusiveMinimum"] == 0
         for wrong in ({"rise_time": -1.0}, {"rise_tine": 1.0}, {"estimator": "fast-kf"}):
             try:
                 fh.Specification(**wrong)
@@ -106,6 +109,71 @@ def test_a_program_states_the_limit_as_any_field(run: Run) -> None:
     assert unnamed(refusals[2], "fast-ekf", "estimator='fast-ekf'") == []
 
 
+@pytest.mark.costs("copies the package, and runs a process of its own")
+def test_a_file_among_those_of_the_package_is_found_by_itself(repository: Path, tmp_path: Path) -> None:
+    """One file, and the limit has its option and its range, before anything computes; no other file changes."""
+    shutil.copytree(
+        repository / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
+    )
+    folder = tmp_path / "src" / "flexhinf" / "designs" / "requirements"
+    shutil.copy(repository / "tests" / "example_requirement.py", folder / "rise_time.py")
+    code = "from flexhinf.cli import main; import sys; sys.exit(main(sys.argv[1:]))"
+    for limit, words in (("-1s", ("rise time", "a time > 0", "--set rise_time")), ("no", ("rise_time",))):
+        done = subprocess.run(
+            [sys.executable, "-c", code, "design", "planar-two-link", "--set", f"rise_time={limit}"],
+            cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "src")},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 2
+        assert unnamed(done.stderr, *words) == []
+        assert "no setting" not in done.stderr
+
+
+@pytest.mark.costs("a process of its own")
+def test_a_robot_file_has_the_drive_and_the_sensor(run: Run, tmp_path: Path) -> None:
+    """Inverse dynamics are the inverse of the plant, MuJoCo has the same loop, and refusals name both."""
+    done = run("-m", "flexhinf", "init", "--joints", "2", "--drive", "damped-torque", "--out", "arm.toml")
+    assert done.returncode == 0, done.stderr
+    assert unnamed(done.stdout, "--period 4ms --latency 2") == []
+    stated = (tmp_path / "arm.toml").read_text(encoding="utf-8")
+    more = '[[joint.sensor]]\nkind = "twist_rate"\nstep = "0.01 rad/s"\nnoise = "1 mrad/s"\n'
+    limit = stated.replace('name = "joint1"\n', 'name = "joint1"\neffort_limit = "12 N·m"\n')
+    (tmp_path / "arm.toml").write_text(f"{limit}\n{more}", encoding="utf-8")
+    done = run(*program("""
+        import numpy as np, flexhinf as fh
+        from flexhinf.robot import MuJoCoPlant
+        arm = fh.load_robot("arm.toml")
+        sensor = arm.sensors[0]
+        assert (sensor.signal, sensor.step, sensor.noise) == ("twist_rate_joint2", 0.01, 1e-3)
+        plant, motion = arm.plant(("link_position", "twist_rate")), np.array([0.3, -0.2]) * np.ones((5, 2))
+        x, u = arm.inverse_dynamics(*motion)
+        p = plant.parameters.named(plant.parameters.vector())
+        rates = np.asarray(plant.flow(x, u, np.zeros(4), p), dtype=float)
+        np.testing.assert_allclose(rates[2:4], motion[2], rtol=1e-9)  # accelerations of the links
+        y = np.asarray(plant.output(x, u, p), dtype=float)
+        np.testing.assert_allclose(y[2:], x[6:] - x[2:4], rtol=1e-12)
+        damping = 2.0 * np.pi * 5.0 * arm["motor_inertia_joint1"].value  # J ω of 5 Hz
+        np.testing.assert_allclose(arm.plant_parameters()["drive_damping"][0], damping, rtol=1e-3)
+        other = MuJoCoPlant(arm)
+        other.reset(x)
+        other.step(u, np.zeros(4), 1e-4)
+        now = np.asarray(other.state())
+        np.testing.assert_allclose((now - x)[4:] / 1e-4, rates[4:], rtol=0.02, atol=0.05)
+        assert plant.unit("torque_command_joint1") == "N·m"
+        try:
+            arm.plant("differential_meter")
+        except fh.InvalidInput as error:
+            print(error.found, error.advice)
+    """))  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert unnamed(done.stdout, "twist_rate", "measured=('link_position', 'twist_rate')") == []
+    wrong = (tmp_path / "arm.toml").read_text(encoding="utf-8").replace("12 N·m", "12 m/s^3")
+    (tmp_path / "wrong.toml").write_text(wrong.replace("damped-torque", "dumped"), encoding="utf-8")
+    done = run("-m", "flexhinf", "check", "wrong.toml")
+    assert done.returncode == 2
+    assert unnamed(done.stdout, "'damped-torque'", "effort_limit") == []
+
+
 @pytest.mark.ci("designs and exports")
 def test_a_design_has_the_requirement_and_the_estimator(run: Run, tmp_path: Path) -> None:
     options = "--pose 20deg --preset damped --degrees 2 --draws 0 --set rays=0 --set proof_seconds=0"
@@ -116,14 +184,14 @@ def test_a_design_has_the_requirement_and_the_estimator(run: Run, tmp_path: Path
     assert "rise time" in (tmp_path / "arm" / "index.html").read_text(encoding="utf-8")
     assert 'estimator = "fast-ekf"' in (tmp_path / "arm" / "design.toml").read_text(encoding="utf-8")
     numbers = json.loads((tmp_path / "arm" / "design.json").read_text(encoding="utf-8"))
-    step, move = (line for line in numbers["specification"] if line["what"] == "rise time")
-    assert (step["asked"], step["unit"], step["stated_by"], step["met"]) == (
+    step, move = (line for line in numbers["requirements"] if line["what"] == "rise time")
+    assert (step["limit"], step["unit"], step["stated_by"], step["met"]) == (
         0.1,
         "s",
         "--set rise_time",
         False,
     )
-    other = numbers["step"]["joints"][0]["rise_time_s"]  # interpolated between samples of 1 ms
+    other = numbers["runs"][0]["joints"][0]["rise_time_s"]  # interpolated between samples of 1 ms
     assert step["found"] == pytest.approx(other, abs=2e-3)
     assert move["found"] > step["found"]
     out = run("-m", "flexhinf", "export", "signals", "arm", "--out", "arm.json")
@@ -135,12 +203,32 @@ def test_a_design_has_the_requirement_and_the_estimator(run: Run, tmp_path: Path
     assert "--force" in again.stderr
 
 
-@pytest.mark.ci("compares laws at a pose and over a workspace")
+@pytest.mark.ci("a design for a workspace in a process of its own")
+def test_the_estimator_runs_over_a_workspace(run: Run) -> None:
+    """It is an extended Kalman filter with a hundred times the noise of the one that the product would take."""
+    done = run(*program("""
+        import pytest, workspaces
+        import flexhinf as fh
+
+        few = {"POSES": 2, "GOALS": 1, "CHOSEN_POSES": 2, "MODAL_POSES": 20, "BANDWIDTHS": (10.0,)}
+        workspaces.few(pytest.MonkeyPatch(), **few)
+        s = fh.Specification(estimator="fast-ekf", workspace=((0.0, 0.1),), draws=0)
+        design = fh.design(fh.paper_arm(), s)
+        filter, setup = design.controller().estimator, design.evidence.setup
+        assert type(filter) is fh.ExtendedKalmanFilter and design.specification.law == "modal"
+        ratio = filter.process_noise / setup.noise_levels.covariance(setup.model.states)
+        assert set(ratio[ratio == ratio].round(6).tolist()) == {100.0}
+        assert max(loop.growth for loop in design.evidence.loops) < 1.0
+    """))  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.ci("compares laws at a pose and over a workspace, four designs")
 def test_a_comparison_has_the_law_about_a_pose_and_over_a_workspace(run: Run, tmp_path: Path) -> None:
     """Over a workspace with the requirement too, which each law has in its list."""
     (tmp_path / "gains.toml").write_text("[pd-critical]\nbandwidth = 4.0\n")
     small = "--draws 0 --estimator none"
-    at_pose = f"--pose 20deg --degrees 2 {small} --candidates 0,0 --out pose"
+    at_pose = f"--pose 20deg --degrees 2 --set rays=0 {small} --out pose"
     over = f"--workspace 0:0.02 {small} --gains gains.toml --set rise_time=20 --out over"
     for words in (at_pose, over):
         done = run("-m", "flexhinf", "compare", "paper", "--laws", "pd-critical", *words.split())
@@ -172,7 +260,7 @@ class Thing:
 
 @pytest.mark.parametrize("name", ["", "Two", "a b", "naïve", "3x", None, "x" * 41, "there"])
 def test_names_that_cannot_be_typed_or_are_there_are_refused(name: Any) -> None:
-    registry: Registry[Thing] = Registry("thing", "flexhinf.design.exports")
+    registry: Registry[Thing] = Registry("thing", "flexhinf.designs.exports")
     registry.register(Thing("there"))
     with pytest.raises(InvalidInput) as refusal:
         registry.register(Thing(name))
@@ -181,19 +269,24 @@ def test_names_that_cannot_be_typed_or_are_there_are_refused(name: Any) -> None:
 
 
 def test_a_registry_is_in_the_order_of_its_places() -> None:
-    registry: Registry[Thing] = Registry("thing", "flexhinf.design.exports", lambda thing: -len(thing.name))
+    registry: Registry[Thing] = Registry("thing", "flexhinf.designs.exports", lambda thing: -len(thing.name))
     for name in ("a", "ccc", "bb", "dd"):
         registry.register(Thing(name))
     assert (list(registry), len(registry), registry["bb"].name) == (["ccc", "bb", "dd", "a"], 4, "bb")
 
 
-@pytest.mark.parametrize("name", ["damping", "pose_fields_stated", "two words"])
+@pytest.mark.parametrize("name", ["damping", "damped_below_limit", "two words"])
 def test_a_limit_takes_no_other_field_s_name(name: str) -> None:
     before = list(FIELDS)
     with pytest.raises(InvalidInput) as refusal:
-        declare_limit(name, About("", "help"), float)
+        register(
+            RequirementKind(
+                "mine", "mine", "", field=name, help="Largest of mine.", of_loop=cast("Any", float)
+            )
+        )
     assert refusal.value.advice.isidentifier() or name == "two words"
     assert list(FIELDS) == before
+    assert "mine" not in REQUIREMENTS
 
 
 def motion(joints: int = 2) -> Motion:
@@ -202,7 +295,8 @@ def motion(joints: int = 2) -> Motion:
     way, one = np.tile(time[:, None], (1, joints)), np.ones(joints)
     return Motion(
         time=time, positions=way, velocities=np.ones_like(way), inputs=way, planned=way, path=way, duration=1.0,
-        plans=True, rests=False, effort=one, span=one, slides=np.zeros(joints, dtype=bool),
+        step=False, plans=True, rests=False, effort=one, span=one, slides=np.zeros(joints, dtype=bool),
+        lower=-one, upper=one, kept=one, rate=one, period=0.01,
     )  # fmt: skip
 
 
@@ -227,16 +321,22 @@ def test_the_rise_of_a_ramp_is_four_fifths_of_it() -> None:
 
 def test_a_lower_limit_on_loops_is_judged_at_the_worst(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = RequirementKind(
-        "decay", "slowest decay", "", "1/s", at_most=False, default=2.0, of_loop=cast("Any", float)
+        "decay",
+        "slowest decay",
+        "",
+        "1/s",
+        at_most=False,
+        default=2.0,
+        of_loop=lambda loop: cast("Any", loop.linear),
     )
-    monkeypatch.setattr(loop_margins, "on_loops", lambda: (kind,))
+    monkeypatch.setattr(judge, "on_loops", lambda: (kind,))
     loops: Any = [3.0, 1.0, 2.0]
-    (line,) = loop_margins.loop_requirements(Specification(), lambda: loops, "three poses")
+    (line,) = judge.loop_requirements(Specification(), lambda: loops, "three poses")
     assert (line.found, line.limit, line.missed, line.where) == (1.0, 2.0, True, "three poses")
     assert kind.judge(None, 2.0, -np.inf, "").achieved_text == "diverges"
     assert kind.judge(None, 2.0, np.inf, "").achieved_text == "unlimited"
-    monkeypatch.setattr(loop_margins, "on_loops", lambda: (replace(kind, default=None),))
-    assert loop_margins.loop_requirements(Specification(), lambda: pytest.fail("unneeded")) == []
+    monkeypatch.setattr(judge, "on_loops", lambda: (replace(kind, default=None),))
+    assert judge.loop_requirements(Specification(), lambda: pytest.fail("unneeded")) == []
 
 
 def test_a_kind_that_nothing_measures_is_refused() -> None:

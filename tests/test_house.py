@@ -12,6 +12,9 @@ import sys
 import tomllib
 from pathlib import Path
 
+from flexhinf.plant.instruments import SENSORS
+from flexhinf.robot.drives import DRIVES
+
 MACHINE = re.compile(r"(?:^|[^A-Za-z0-9_.])/(?:home|root|work|Users|farm|mnt|opt)/", re.MULTILINE)
 
 
@@ -63,19 +66,13 @@ def test_the_contract_catches_what_it_is_there_for(repository: Path, tmp_path: P
 
 
 #: What loads a module of the package by its name, which the contract does not see: file and module. A room above or
-#: beside is loaded when a method is called; the package loads `design` once, so that ``fh.design`` stays a function.
+#: beside is loaded when a method is called.
 LOADED_BY_NAME = {
-    ("__init__.py", "flexhinf.design"),
-    ("notebook.py", "flexhinf.pages"),  # pictures of robots and designs, drawn when a notebook shows one
-    ("design/requirements/requirement.py", "flexhinf.pages"),  # `save` of designs and of a comparison
-    ("design/result.py", "flexhinf.pages"),  # what is made of a design by those that know its kinds
-    ("design/result.py", "flexhinf.design.campaign_folder"),
-    ("design/result.py", "flexhinf.design.pipeline"),
+    ("__init__.py", "flexhinf.pages.name"),  # the package itself: what registers itself with a `Drawer`
     ("extensions.py", "package"),  # of a registry, with its files
     ("extensions.py", "package.name"),
-    ("paper/reproduction.py", "flexhinf.pages.paper"),  # `Reproduction.files`
     ("cli/messages.py", "flexhinf.cli.options"),  # the help of all commands takes no declaration of an option
-    ("cli/messages.py", "flexhinf.design.specification"),
+    ("cli/messages.py", "flexhinf.designs.specification"),
     ("loop/controller/laws.py", "flexhinf.estimation"),  # the estimators that a file of a controller names
 }
 
@@ -125,9 +122,10 @@ def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path,
 
 #: Where pages take classes and constants alone: what is solved, searched for or checked is a result by then.
 COMPUTE = (
-    "analysis", "certify", "codegen", "estimation", "hinf", "modal", "design.proved_step", "design.synthesis",
-    "design.workspace.design", "design.workspace.pair_proof", "design.workspace.proof", "design.workspace.robustness",
-    "design.workspace.search",
+    "analysis", "certify", "codegen", "estimation", "hinf", "modal", "designs.proved_step", "designs.synthesis",
+    "designs.workspace.design", "designs.workspace.pair_proof", "designs.workspace.proof",
+    "designs.workspace.robustness",
+    "designs.workspace.search",
 )  # fmt: skip
 
 #: Functions of these that pages may call: texts, a unit, sums of a few numbers, a part of a result.
@@ -154,6 +152,63 @@ def test_pages_compute_nothing(repository: Path, sources: dict[Path, list[ast.AS
     rooms = {room.partition(".")[0] for room in COMPUTE}
     assert {a.name for node in imports if node.module == "flexhinf" for a in node.names} & rooms == set()
     assert {name for name in whole if name.startswith("flexhinf")} == set()
+
+
+#: Where a torque of springs is something else than what a sensor measures: a penalty, what a law's proponents measure,
+#: and a line of a page.
+NO_SENSOR = {"robot/signals.py", "designs/laws/kinds.py", "pages/drawing.py", "pages/design/weights.py"}
+
+
+def named_in(repository: Path, sources: dict[Path, list[ast.AST]], name: str) -> set[str]:
+    """Files of the package with a text that is this name, or begins the name of a joint's signal."""
+    package = repository / "src" / "flexhinf"
+    return {
+        str(file.relative_to(package))
+        for file, nodes in sources.items()
+        if any(isinstance(node, ast.Constant) and node.value in (name, f"{name}_") for node in nodes)
+    }
+
+
+def test_what_differs_between_sensors_and_drives_stands_in_their_kinds(
+    repository: Path, sources: dict[Path, list[ast.AST]]
+) -> None:
+    """A sensor or a drive more is a file more: no other one names it, but for the plant of the paper, whose input is a
+    voltage. Positions and velocities are states of plants too, which have their names."""
+    for drive in DRIVES.values():
+        assert named_in(repository, sources, drive.quantity) - {"pages/paper.py"} == {"robot/drives/kinds.py"}
+    sensors = [name for name, kind in SENSORS.items() if kind.of_springs]
+    assert len(sensors) > 1
+    for name in sensors:
+        assert named_in(repository, sources, name) - NO_SENSOR == {"plant/instruments/kinds.py"}
+
+
+def compared_drives(nodes: list[ast.AST]) -> list[int]:
+    """Lines that compare a drive of a robot with texts, or look up something by one."""
+    found = []
+    for node in nodes:
+        if isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+        elif isinstance(node, ast.Subscript) and isinstance(node.value, ast.Dict):
+            sides = [node.slice, *filter(None, node.value.keys)]
+        else:
+            continue
+        drives = any(ast.unparse(side).endswith((".drive", "drive")) for side in sides)
+        inner = (text for side in sides for text in ast.walk(side) if isinstance(text, ast.Constant))
+        if drives and any(isinstance(text.value, str) for text in inner):
+            found.append(node.lineno)
+    return found
+
+
+def test_nobody_asks_for_the_name_of_a_drive(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
+    """A property of its kind is read instead. How a stop commands an input is named `drive` in `Protection`."""
+    stops = ("loop/controller/protection.py", "loop/controller/stop.py", "export/stop_code.py")
+    found = {str(file): lines for file, nodes in sources.items() if (lines := compared_drives(nodes))}
+    assert len(found) == len(stops)  # the rule finds something
+    assert all(file.endswith(stops) for file in found), found
+    planted = ast.parse(
+        "a = robot.drive == 'position'\nb = {'torque': 1.0}[self.drive]\nc = drive in ('x', 'y')"
+    )
+    assert compared_drives([*ast.walk(planted)]) == [1, 2, 3]
 
 
 def test_a_lazy_room_names_its_own_files_only(repository: Path) -> None:

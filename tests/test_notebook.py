@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.requirements import Requirement
-from flexhinf.notebook import StatedRepr, Summarised, names_text, stated_text, table_html
+from flexhinf.designs.requirements import Requirement
+from flexhinf.drawers import Drawer
+from flexhinf.notebook import PICTURES, Pictured, StatedRepr, Summarised, names_text, stated_text, table_html
 from flexhinf.numerals import number_text
 from flexhinf.pages.pictures import robot_picture
 
@@ -73,6 +74,32 @@ def test_a_robot_shows_its_arm_below_its_table() -> None:
         np.sin(np.radians(15)) / (1 - np.cos(np.radians(15))), rel=0.1
     )
     assert "<img" not in fh.load_robot("quanser-rotflex")._repr_html_()  # links without a length
+
+
+class Weighed(Pictured):
+    """A result of nobody's room."""
+
+    def summary(self) -> dict[str, str]:
+        return {"mass": "1 kg"}
+
+
+class Heavier(Weighed):
+    """Of which the picture is that of the class that it derives from, until it has one of its own."""
+
+
+def test_a_picture_is_drawn_by_what_is_registered_for_the_type() -> None:
+    assert Weighed()._repr_html_() == table_html("Weighed", {"mass": "1 kg"})
+
+    @PICTURES.register(Weighed)
+    def _(result: Weighed) -> str:
+        return f"<p>{result.summary()['mass']}</p>"
+
+    assert Weighed()._repr_html_().endswith("</table><p>1 kg</p>")
+    assert Heavier()._repr_html_().endswith("</table><p>1 kg</p>")
+    PICTURES.register(Heavier)(lambda result: "<p>heavier</p>")
+    assert Heavier()._repr_html_().endswith("</table><p>heavier</p>")
+    with pytest.raises(TypeError, match="Weighed"):
+        Drawer()(Weighed())
 
 
 @pytest.mark.ci("a design of one pose")

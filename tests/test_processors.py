@@ -17,8 +17,8 @@ import flexhinf as fh
 from flexhinf import processors
 from flexhinf.campaign import search_weights, worst_case
 from flexhinf.certify.proof import certify
-from flexhinf.design.advice import advise
-from flexhinf.design.certification import certify_design
+from flexhinf.designs.advice import advise
+from flexhinf.designs.certification import certify_design
 from flexhinf.paper import reproduce
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.processors import available, in_threads, limited_threads, single_blas, thread_count

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.result import CampaignKeywords, ComparisonKeywords
+from flexhinf.designs.campaign_options import CampaignOptions
+from flexhinf.designs.result import CampaignKeywords, ComparisonKeywords
 from flexhinf.export.protection import protected
 from flexhinf.loop import ControllerOptions
-from flexhinf.options import CampaignOptions
 
 # A kernel of each class that runs once or twice: 4 s instead of 5 s
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 #: Names whose examples take long, or need another compiler; those that are one example together.
-LONG = [("Comparison", "compare"), ("WorkspaceComparison",), ("export_web",)]
+LONG = [("Comparison", "compare"), ("export_web",)]
 
 #: Of tests that look at an object of each public class.
 SHOWN = pytest.mark.ci("makes all of them: designs, filters, identifies, proves, compiles")
@@ -184,7 +184,7 @@ def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
 @SHOWN
 def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
     bases = {"BlackBox", "Estimator", "Law"}
-    long = {"Comparison", "WorkspaceComparison"}  # tests/design
+    long = {"Comparison"}  # tests/design
     classes = {
         name
         for name in fh.__all__

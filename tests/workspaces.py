@@ -9,10 +9,9 @@ ROOMS = [
     import_module(f"flexhinf.{name}")
     for name in (
         *(
-            f"design.workspace.{room}"
-            for room in ("setup", "search", "samples", "design", "robustness", "campaign")
+            f"designs.workspace.{room}"
+            for room in ("setup", "search", "gain_search", "samples", "design", "robustness", "campaign")
         ),
-        "design.workspace.comparison",
         "modal.law",
     )
 ]

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import eigh, solve_continuous_are
 
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.problem.weights import LinearFamily, LinearProblem
+from flexhinf.designs.problem.weights import LinearFamily, LinearProblem
 from flexhinf.robot.layout import Layout
 
 pytestmark = pytest.mark.oracle

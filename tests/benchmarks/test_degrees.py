@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.synthesis.by_step import GAIN
+from flexhinf.designs.synthesis.by_step import GAIN
 
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 

@@ -30,7 +30,7 @@ from scipy.integrate import solve_ivp
 from tests.builders import LinearLaw
 
 import flexhinf as fh
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.loop.controller.stop import Stop as Reason
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights

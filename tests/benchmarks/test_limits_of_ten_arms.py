@@ -19,8 +19,8 @@ from tests.builders import joint_text
 from tests.tiers import ci_and_night
 
 import flexhinf as fh
-from flexhinf.design.workspace.evidence import LoopOverWorkspace
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.workspace.evidence import LoopOverWorkspace
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.robot import Robot

@@ -16,13 +16,13 @@ from flint import arb, ctx
 from flexhinf.certify.checker import arm as checker
 from flexhinf.certify.checker.arm import CheckedArm, arm_claim, check_arm, weights_of
 from flexhinf.certify.checker.pairs import CheckedPairs
-from flexhinf.design import Specification
-from flexhinf.design.responses import with_values
-from flexhinf.design.workspace import everywhere as everywhere_file, proof
-from flexhinf.design.workspace.everywhere import everywhere, file_errors
-from flexhinf.design.workspace.masses import stated_errors
-from flexhinf.design.workspace.search import RANDOM
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs import Specification
+from flexhinf.designs.responses import with_values
+from flexhinf.designs.workspace import everywhere as everywhere_file, proof
+from flexhinf.designs.workspace.everywhere import everywhere, file_errors
+from flexhinf.designs.workspace.masses import stated_errors
+from flexhinf.designs.workspace.search import RANDOM
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal.pair_errors import Sector
 from flexhinf.plant.joints import link_compliance

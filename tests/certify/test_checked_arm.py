@@ -13,8 +13,8 @@ import flexhinf as fh
 from flexhinf.certify import Certificate
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify_tolerances
-from flexhinf.design.problem.presets import choose
-from flexhinf.design.specification import Specification
+from flexhinf.designs.problem.presets import choose
+from flexhinf.designs.specification import Specification
 
 #: A little below the largest for a half turn.
 LEVEL = 16_970.0

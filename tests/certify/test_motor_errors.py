@@ -18,7 +18,7 @@ from flexhinf.certify.checker.pair_claim import PairClaim, pair_claim
 from flexhinf.certify.checker.pair_flow import PairForms
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
 from flexhinf.certify.checker.worst_forms import WorstForms, add
-from flexhinf.design.workspace.pair_proof import Numbers, claim_numbers
+from flexhinf.designs.workspace.pair_proof import Numbers, claim_numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
 from flexhinf.modal.pair_errors import (

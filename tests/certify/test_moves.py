@@ -22,14 +22,14 @@ from flexhinf.certify.checker.moves import CheckedMoves, check_moves, moves_clai
 from flexhinf.certify.checker.pair_claim import pair_claim
 from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
-from flexhinf.design import Specification
-from flexhinf.design.workspace import proof
-from flexhinf.design.workspace.everywhere import everywhere
-from flexhinf.design.workspace.moves import proved_moves, storage_numbers
-from flexhinf.design.workspace.pair_proof import claim_numbers
-from flexhinf.design.workspace.proof import sampled_pairs
-from flexhinf.design.workspace.search import RANDOM
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs import Specification
+from flexhinf.designs.workspace import proof
+from flexhinf.designs.workspace.everywhere import everywhere
+from flexhinf.designs.workspace.moves import proved_moves, storage_numbers
+from flexhinf.designs.workspace.pair_proof import claim_numbers
+from flexhinf.designs.workspace.proof import sampled_pairs
+from flexhinf.designs.workspace.search import RANDOM
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import moves as search, pair_gains
 from flexhinf.modal.moves import fastest_moves, free_loop, storage_of

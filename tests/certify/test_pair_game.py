@@ -9,7 +9,7 @@ from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pair_claim import PairClaim, pair_claim
 from flexhinf.certify.checker.pair_flow import free_flow
 from flexhinf.certify.checker.taylor_matrix import TaylorMatrix
-from flexhinf.design.workspace.pair_proof import claim_numbers
+from flexhinf.designs.workspace.pair_proof import claim_numbers
 from flexhinf.modal import pair_gains
 from flexhinf.modal.pair_errors import EXACT, Errors, FilterWeights, Multipliers, Sector
 from flexhinf.modal.pair_period import worst_period

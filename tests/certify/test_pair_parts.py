@@ -8,7 +8,7 @@ import pytest
 from flexhinf.certify.checker.pair_claim import pair_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
 from flexhinf.copies import shared_out
-from flexhinf.design.workspace.pair_proof import pair_certificate
+from flexhinf.designs.workspace.pair_proof import pair_certificate
 from flexhinf.modal import pair_gains
 from flexhinf.modal.pair_errors import Errors, Multipliers, Sector
 from flexhinf.modal.popov import PairStorages

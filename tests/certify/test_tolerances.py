@@ -17,8 +17,8 @@ from flexhinf.certify.certificate import path_states
 from flexhinf.certify.inequality import BoxExcess
 from flexhinf.certify.proof import NotProved, certify_tolerances, prove
 from flexhinf.certify.starts import UNCHANGED_INPUT
-from flexhinf.design.problem.presets import choose
-from flexhinf.design.specification import Specification
+from flexhinf.designs.problem.presets import choose
+from flexhinf.designs.specification import Specification
 from flexhinf.errors import InvalidInput
 
 from .a_cubic import CUBIC

@@ -14,10 +14,10 @@ from tests.refusals import refused_with
 from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pair_claim import pair_claim
 from flexhinf.certify.checker.pairs import Box, CheckedPairs, box_proved, check_pairs
-from flexhinf.design import Specification
-from flexhinf.design.workspace.pair_proof import claim_numbers, pair_certificate
-from flexhinf.design.workspace.preset import check_provable
-from flexhinf.design.workspace.proof import of_controller, pair_verdict
+from flexhinf.designs import Specification
+from flexhinf.designs.workspace.pair_proof import claim_numbers, pair_certificate
+from flexhinf.designs.workspace.preset import check_provable
+from flexhinf.designs.workspace.proof import of_controller, pair_verdict
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
 from flexhinf.modal.multipliers import PopovTolerance, popov_tolerance

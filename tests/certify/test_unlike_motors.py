@@ -22,11 +22,11 @@ from scipy.stats import ortho_group
 from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pair_claim import pair_claim
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs
-from flexhinf.design import Specification
-from flexhinf.design.workspace.pair_proof import claim_numbers, pair_certificate
-from flexhinf.design.workspace.proof import sampled_pairs
-from flexhinf.design.workspace.search import RANDOM
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs import Specification
+from flexhinf.designs.workspace.pair_proof import claim_numbers, pair_certificate
+from flexhinf.designs.workspace.proof import sampled_pairs
+from flexhinf.designs.workspace.search import RANDOM
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal.pair_errors import (
     ChannelWeights,

@@ -26,10 +26,11 @@ DESIGN = """
 robot = "paper"
 estimator = "ekf"
 measurement_noise = 1e-8
+pose = "home"
 overshoot = 30.0
 [result]
 duration = 0.5
-specification = []
+requirements = []
 """
 
 #: Options of a design of one pose that is made soon: without a region, other robots and the rigid design.

@@ -13,10 +13,10 @@ from tests.refusals import Anchor, unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design import pipeline
-from flexhinf.design.responses import joint_limits
-from flexhinf.design.synthesis import steps
-from flexhinf.design.workspace import design
+from flexhinf.designs import pipeline
+from flexhinf.designs.responses import joint_limits
+from flexhinf.designs.synthesis import steps
+from flexhinf.designs.workspace import design
 
 #: Two joints, so that sensors of one differ from those of all; driven by currents.
 CURRENT = "".join(
@@ -95,7 +95,7 @@ def test_a_design_says_before_its_minutes_what_an_export_will_ask_for(
         begun[:] = robot, specification
         raise Started
 
-    monkeypatch.setattr(sys.modules["flexhinf.design"], "design_with", started)
+    monkeypatch.setattr(sys.modules["flexhinf.designs"], "design_with", started)
     (folder / "arm.toml").write_text(CURRENT, encoding="utf-8")
     with pytest.raises(Started):
         main(["design", "arm.toml"])
@@ -165,6 +165,8 @@ def followed(message: str, words: list[str]) -> list[str]:
         return [option, ",".join(["7" + unit[1].replace("·", "")] * (value.count(",") + 1))]
     if "one pose, --pose ..." in advice and "what all joints have" not in advice:
         return [*words, "--pose", "0.1,0.1"]
+    if advice == f"leave out {option}, or --pose home":
+        return [*words, "--pose", "home"]
     if renamed := re.match(r"(--\S+) in the place of", advice):
         return [renamed[1], value]
     own = re.search(rf"{option} \S+", advice) or re.match(r".*?(?=; or |, or |, which|, if |: |$)", advice)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from tests.builders import arm_controller, report_numbers
 from tests.cli.conftest import DESIGN
-from tests.design.test_campaign_metrics import check_by_signals
+from tests.designs.test_campaign_metrics import check_by_signals
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -28,10 +28,11 @@ from flexhinf.campaign.manifest import read_sealed, sealed
 from flexhinf.campaign.parquet import read_columns
 from flexhinf.cli import main
 from flexhinf.codegen import cuda
-from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
-from flexhinf.design.design_file import meant_file, read_request
+from flexhinf.designs.campaign_folder import stored_campaign, stored_gains, stored_request
+from flexhinf.designs.design_file import meant_file
+from flexhinf.designs.request import read_request
 from flexhinf.errors import InvalidInput
-from flexhinf.pages.campaign_numbers import in_degrees, limit_text, percent_text, value_text
+from flexhinf.pages.campaign_text import in_degrees, limit_text, percent_text, value_text
 
 pytest.importorskip("pyarrow")
 
@@ -440,7 +441,7 @@ def test_the_folder_of_a_report_is_taken_as_its_design_file(
 def test_without_a_report_it_is_designed_first(folder: Path, arm: str) -> None:
     (folder / "arm.toml").write_text(arm)
     (folder / "design.toml").write_text(
-        '[design]\nrobot = "arm.toml"\ndegrees = [2]\nrays = 0\ndraws = 0\nduration = 1.0\n'
+        '[design]\nrobot = "arm.toml"\npose = "home"\ndegrees = [2]\nrays = 0\ndraws = 0\nduration = 1.0\n'
     )
     words = ["campaign", "design.toml", "--samples", "30", "--tolerance", "stiffness=10%", "--out", "runs"]
     assert main(words) in (0, 1)

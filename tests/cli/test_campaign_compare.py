@@ -23,10 +23,11 @@ DESIGN = """
 robot = "paper"
 estimator = "{}"
 process_noise = {:g}
+pose = "home"
 overshoot = 30.0
 [result]
 duration = 0.5
-specification = []
+requirements = []
 """
 WORDS = ["campaign", "compare", "ekf/design.toml", "ukf/design.toml", "--samples", "40", "--batch", "16"]
 WORDS += ["--out", "both"]
@@ -102,7 +103,8 @@ def test_designs_that_do_not_share_robot_sensors_and_step_are_refused(
         ('extras = "inductance"', "extras: "),
         ("period = 0.002", "period: default ↔ 0.002"),
     ):
-        file.write_text(text.replace("overshoot = 30.0", f"overshoot = 30.0\n{line}"))
+        kept = text.replace('pose = "home"\n', "") if line.startswith("pose") else text
+        file.write_text(kept.replace("overshoot = 30.0", f"overshoot = 30.0\n{line}"))
         message = refused(WORDS, "↔", judged)
         assert what in message
     assert not (judged / "both").exists()

@@ -160,8 +160,8 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
             marks=pytest.mark.ci("searches weights"),
         ),
         (
-            ["certify", "planar-two-link", "--degrees", "2"],
-            ("flexhinf design planar-two-link --degrees 2",),
+            ["certify", "planar-two-link", "--pose", "home", "--degrees", "2"],
+            ("flexhinf design planar-two-link", "--degrees 2"),
         ),
         (["certify", *STATED, "--start", "0"], ("--start", "no effect")),
         (["certify", *STATED, "--peak-effort", "30"], ("--peak-effort", "no effect")),
@@ -181,9 +181,15 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
             ],
             ("--set shaping", "no effect"),
         ),
-        (["certify", "paper", "--tolerances", "--observer", "10"], ("--tolerances", "--observer")),
-        (["certify", "paper", "--tolerances", "--decay", "0.1"], ("--tolerances", "--decay")),
-        (["certify", "arm.toml", "--tolerances"], ("'arm'", "tolerances")),
+        (
+            ["certify", "paper", "--pose", "home", "--tolerances", "--observer", "10"],
+            ("--tolerances", "--observer"),
+        ),
+        (
+            ["certify", "paper", "--pose", "home", "--tolerances", "--decay", "0.1"],
+            ("--tolerances", "--decay"),
+        ),
+        (["certify", "arm.toml", "--pose", "home", "--tolerances"], ("'arm'", "tolerances")),
         pytest.param(
             ["certify", "paper", "--pose", "180deg", "--degrees", "2", "--tolerances"],
             ("corner", "tolerances", "γ"),

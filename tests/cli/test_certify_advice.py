@@ -11,7 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design import certification
+from flexhinf.designs import certification
 
 
 def advised(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -24,7 +24,7 @@ def test_more_than_one_joint_is_told_what_else_can_be_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["certify", "planar-two-link", "--degrees", "2"]) == 2
+    assert main(["certify", "planar-two-link", "--pose", "home", "--degrees", "2"]) == 2
     assert advised(capsys)[:3] == ["flexhinf", "design", "planar-two-link"]
     assert not list(tmp_path.iterdir())
 
@@ -54,12 +54,13 @@ def test_the_advice_names_the_file_that_was_typed_and_keeps_what_was_asked_for(
 
 
 @pytest.mark.parametrize(
-    "words", [["paper"], ["paper", "--degree", "4", "--pose", "90deg", "--set", "effort=9"]]
+    "words", [["paper", "--pose", "home"], ["paper", "--degree", "4", "--pose", "90deg", "--set", "effort=9"]]
 )
 def test_where_nothing_is_proved_the_advice_is_the_whole_command(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`flexhinf certify paper`, which is tried first. With the advised options it may come to a proof, or say more."""
+    """`flexhinf certify paper --pose home`, which is tried first. With the advised options it may come to a proof, or
+    say more."""
     known = list[fh.Specification]()
 
     def tried(robot: fh.Robot, s: fh.Specification, *_: object, **__: object) -> tuple[object, ...]:

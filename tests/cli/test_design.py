@@ -49,7 +49,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
     again = "flexhinf design paper --pose 180deg --draws 0 --degrees 2,4 --set rays=40 --set compare_rigid=no"
     assert again in text_of(folder)
-    main(["design", "vertical-rig", "--preset", "paper", "--estimator", "none", *QUICK])
+    main(["design", "vertical-rig", "--pose", "home", "--preset", "paper", "--estimator", "none", *QUICK])
     assert "vertical-rig" in text_of(folder)
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design", "flexhinf-design-paper"]
     assert again in (folder / "flexhinf-design-paper" / "index.html").read_text(encoding="utf-8")
@@ -95,7 +95,7 @@ def test_the_report_of_another_robot_keeps_a_place(folder: Path, capsys: pytest.
 def test_the_exit_code_says_whether_the_specification_is_met(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["design", "paper", "--preset", "damped", "--estimator", "none", *QUICK]
+    words = ["design", "paper", "--pose", "home", "--preset", "damped", "--estimator", "none", *QUICK]
     assert main([*words, "--overshoot", "50", "--verbose"]) == 0
     shown = capsys.readouterr().out
     assert "≤ 50 " in shown
@@ -108,9 +108,9 @@ def test_the_exit_code_says_whether_the_specification_is_met(
     assert "next: flexhinf export web flexhinf-design  #" in shown
     found = tomllib.loads(text_of(folder, "design.toml"))["result"]
     assert found["met"] is False
-    missed = [line for line in found["specification"] if not line["holds"]]
-    assert [(line["what"], line["asked"], line["by_default"]) for line in missed] == [
-        ("overshoot", 0.1, False)
+    missed = [line for line in found["requirements"] if not line["met"]]
+    assert [(line["what"], line["limit"], line["stated_by"]) for line in missed] == [
+        ("overshoot", 0.1, "--overshoot")
     ]
     assert missed[0]["found"] > 0.1
 
@@ -131,14 +131,15 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         "1e-5",
         "--verbose",
     ]
-    code = main(["design", "planar-two-link", *words, *true, *QUICK])
+    code = main(["design", "planar-two-link", "--pose", "home", *words, *true, *QUICK])
     shown = capsys.readouterr().out
     assert code == ("NOT MET" in shown)
     for text in ("bandwidth", "damping", "≥ 0.25", "overshoot", "peak input", "≤ 24"):
         assert text in shown, text
     design = tomllib.loads(text_of(folder, "design.toml"))["design"]
     assert design == {
-        "robot": "planar-two-link", "bandwidth": [3.141592653589793, 3.0], "damping": 0.25, "peak_effort": 24.0,
+        "robot": "planar-two-link", "pose": [0.4, 0.6], "law": "nl-hinf",
+        "bandwidth": [3.141592653589793, 3.0], "damping": 0.25, "peak_effort": 24.0,
         "via": [[0.35, 0.55]], "load": 0.1, "unknown_delay": 1e-3, "quantisation": 1e-5,
         "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
     }  # fmt: skip
@@ -159,11 +160,11 @@ def test_the_observer_and_a_move_can_be_asked_for(folder: Path) -> None:
         "--tracking-error",
         "2deg",
     ]
-    assert main(["design", "vertical-rig", *words, *QUICK]) == 0
+    assert main(["design", "vertical-rig", "--pose", "home", *words, *QUICK]) == 0
     written = tomllib.loads(text_of(folder, "design.toml"))
     assert written["design"]["estimator"] == "observer"
-    tracked = [line for line in written["result"]["specification"] if line["what"] == "tracking error"]
-    assert [line["by_default"] for line in tracked] == [False]
+    tracked = [line for line in written["result"]["requirements"] if line["what"] == "tracking error"]
+    assert [line["stated_by"] for line in tracked] == ["--tracking-error"]
     assert "observer" in text_of(folder)
 
 
@@ -183,7 +184,7 @@ def test_what_cannot_be_met_is_refused_with_the_best_found(
 def test_an_interrupted_design_leaves_what_was_there(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["design", "vertical-rig", "--preset", "paper", "--estimator", "none", *QUICK]
+    words = ["design", "vertical-rig", "--pose", "home", "--preset", "paper", "--estimator", "none", *QUICK]
     main(words)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -202,7 +203,7 @@ def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_rep
 ) -> None:
     told = arm.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 0.05}")
     (folder / "arm.toml").write_text(told, encoding="utf-8")
-    assert main(["design", "arm.toml", *QUICK, "--estimator", "none"]) == 0
+    assert main(["design", "arm.toml", "--pose", "home", *QUICK, "--estimator", "none"]) == 0
     assert "fraction" in capsys.readouterr().err
     page = text_of(folder)
     assert unnamed(page, "fraction", "damping ratio", 0.2) == []
@@ -222,5 +223,5 @@ def test_help_lists_every_option_with_its_default(capsys: pytest.CaptureFixture[
         "Exit code",
     ):
         assert text in " ".join(shown.replace("│", " ").split()), text
-    for default in ("flexhinf-design", "0.001", "ukf", "1.5", "20.0", "link_position"):
+    for default in ("flexhinf-design", "0.001", "auto", "1.5", "20.0", "link_position"):
         assert f"[default: {default}]" in shown

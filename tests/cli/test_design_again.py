@@ -47,7 +47,7 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     assert file_of(again)["result"] == file_of(first)["result"]
     found = file_of(first)["result"]
     assert found["preset"] == "robust"
-    whole = numbers(first)["weights"]["whole_loop"]
+    whole = numbers(first)["facts"]["weights"]["whole_loop"]
     factor = next(row for row in whole["figures"] if "tolerances" in row["what"])
     assert factor["robust"] >= factor["damped"] > 1.0
     assert ("robust" in found) == (whole["better"] and whole["fraction"] > 0.0)
@@ -58,12 +58,14 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
 
 @pytest.mark.ci("two designs")
 def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
-    main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *FED])
-    first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["result"]
+    main(["design", "vertical-rig", "--pose", "home", "--bandwidth", "4", "--damping", "0.4", *FED])
+    first, found = numbers(folder / "flexhinf-design")["facts"], file_of(folder / "flexhinf-design")["result"]
     assert (found["preset"], found["R2"]) == ("damped", 1.0)
     weights = ",".join(f"{name}={weight!r}" for name, weight in found["weights"].items())
-    main(["design", "vertical-rig", "--set", f"penalty={weights}", "--set", "effort=1", *FED])
-    again = numbers(folder / "flexhinf-design")
+    main(
+        ["design", "vertical-rig", "--pose", "home", "--set", f"penalty={weights}", "--set", "effort=1", *FED]
+    )
+    again = numbers(folder / "flexhinf-design")["facts"]
     assert again["gamma"] == pytest.approx(first["gamma"], rel=1e-6)
     assert again["closed_modes"][0]["real"] == pytest.approx(first["closed_modes"][0]["real"], rel=1e-6)
 
@@ -73,8 +75,9 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "mine.toml").write_text(
-        "[design]\nrobot = 'vertical-rig'\nbandwidth = 4.0\ndegrees = [2]\nrays = 0\ndraws = 0\nduration = 3.0\n"
-        "estimator = 'none'\ncompare_rigid = false\nsaturation = 50.0\n[found]\ngamma = 'nonsense'\nmet = 3\n",
+        "[design]\nrobot = 'vertical-rig'\npose = 'home'\nbandwidth = 4.0\ndegrees = [2]\nrays = 0\ndraws = 0\n"
+        "duration = 3.0\nestimator = 'none'\ncompare_rigid = false\nsaturation = 50.0\n"
+        "[found]\ngamma = 'nonsense'\nmet = 3\n",
         encoding="utf-8",
     )  # fmt: skip
     main(
@@ -93,7 +96,8 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
     )
     design = file_of(folder / "flexhinf-design")["design"]
     assert design == {
-        "robot": "vertical-rig", "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
+        "robot": "vertical-rig", "pose": [0.0], "law": "nl-hinf",
+        "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
     }  # fmt: skip
     page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
     again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --set compare_rigid=yes"
@@ -116,9 +120,9 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
         ("[design]\nrobot = 'nowhere.toml'", "nowhere.toml"),
         ("[design]\nbandwidth = 4", "no 'robot'"),
         ("[desing]\nrobot = 'paper'", "[design] for 'desing'"),
-        ("[design]\nrobot = 'paper'\nbandwidth = 4\npenalty = [1, 0, 0, 0, 3]", "contradict"),
-        ("[design]\nrobot = 'paper'\nbandwidth = [4, 5]", ("bandwidth", "[4.0, 5.0]")),
-        ("[design]\nrobot = 'paper'\nvia = [[9.0, 1.0]]", ("['joint']", "(9.0, 1.0)")),
+        ("[design]\nrobot = 'paper'\npose = 'home'\nbandwidth = 4\npenalty = [1, 0, 0, 0, 3]", "contradict"),
+        ("[design]\nrobot = 'paper'\npose = 'home'\nbandwidth = [4, 5]", ("bandwidth", "[4.0, 5.0]")),
+        ("[design]\nrobot = 'paper'\npose = 'home'\nvia = [[9.0, 1.0]]", ("['joint']", "(9.0, 1.0)")),
         ("[design]\nrobot = 'paper'\nextras = ['rust']", "rust"),
         ("[design", "no TOML"),
     ],
@@ -148,7 +152,7 @@ def test_the_report_of_another_robot_is_not_replaced_in_silence(
         raise fh.InvalidInput("A design begins.")
 
     if command == "design":
-        monkeypatch.setattr(import_module("flexhinf.design"), "design_with", stop)
+        monkeypatch.setattr(import_module("flexhinf.designs"), "design_with", stop)
     else:
         monkeypatch.setattr(fh, command, stop)
     report.write(folder / "made", {"design.json": json.dumps({"robot": earlier})})

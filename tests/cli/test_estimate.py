@@ -271,7 +271,7 @@ def test_ctrl_c_leaves_nothing(
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    for where in ("flexhinf.read_log", "flexhinf.filter_log", "flexhinf.pages.estimate_files"):
+    for where in ("flexhinf.read_log", "flexhinf.filter_log", "flexhinf.pages.report_files"):
         with monkeypatch.context() as patch:
             patch.setattr(where, interrupted)
             assert main(["estimate", *WORDS]) == 130
@@ -279,7 +279,7 @@ def test_ctrl_c_leaves_nothing(
     assert main(["estimate", *WORDS]) == 0
     before = (folder / "flexhinf-estimate" / "index.html").read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr("flexhinf.pages.estimate_files", interrupted)
+        patch.setattr("flexhinf.pages.report_files", interrupted)
         assert main(["estimate", *WORDS, "--filter", "extended"]) == 130
     assert (folder / "flexhinf-estimate" / "index.html").read_bytes() == before
 

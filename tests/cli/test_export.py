@@ -20,9 +20,9 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
 from flexhinf.cli.designs import DesignedController, refuse_unlimited
-from flexhinf.design.design_file import robot_digests
-from flexhinf.design.responses import joint_limits
-from flexhinf.design.verdict import DesignVerdict
+from flexhinf.designs.design_file import robot_digests
+from flexhinf.designs.responses import joint_limits
+from flexhinf.designs.verdict import DesignVerdict
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_limits, protected, unlimited_inputs
 
@@ -59,7 +59,7 @@ def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controll
     code = (
         "import sys; from pathlib import Path; from flexhinf.cli.designs import controller_of;"
         f"controller_of(Path({str(controller)!r}));"
-        "print({'flexhinf.design.pipeline', 'flexhinf.pages.page', 'scipy', 'matplotlib'} & set(sys.modules))"
+        "print({'flexhinf.designs.pipeline', 'flexhinf.pages.page', 'scipy', 'matplotlib'} & set(sys.modules))"
     )
     outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert outcome.stdout.strip() == "set()"
@@ -242,20 +242,20 @@ def test_a_robot_is_told_from_a_controller(
 
 #: The result of a design that meets one of two requirements.
 RESULT = """
-[[result.specification]]
+[[result.requirements]]
 what = "ripple"
-limit = "at most"
-asked = 5.0
+limit = 5.0
+at_most = true
 found = 7.125
 unit = "%"
-holds = false
-[[result.specification]]
+met = false
+[[result.requirements]]
 what = "damping"
-limit = "at least"
-asked = 0.3
+limit = 0.3
+at_most = false
 found = 0.4
 unit = ""
-holds = true
+met = true
 """
 
 
@@ -410,7 +410,7 @@ def test_a_design_file_alone_is_designed_first(arm: str, tmp_path: Path) -> None
     """Of a robot without tolerances, and with what a design of one pose would search."""
     (tmp_path / "arm.toml").write_text(f"gravity = 0.0\n{arm}")
     (tmp_path / "design.toml").write_text(
-        '[design]\nrobot = "arm.toml"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
+        '[design]\nrobot = "arm.toml"\npose = "home"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
         "torque_noise = 1e-5\ncompare_rigid = false\n"
     )
     out = tmp_path / "c"
@@ -487,11 +487,11 @@ def test_what_a_robot_file_may_not_mean_is_a_note(
 def test_a_requirement_that_is_missed_twice_says_where() -> None:
     row = {
         "what": "remaining error",
-        "limit": "at most",
-        "asked": 1e-3,
+        "limit": 1e-3,
+        "at_most": True,
         "found": 2e-3,
         "unit": "rad",
-        "holds": False,
+        "met": False,
     }
     corner = row | {"found": 3e-3, "where": "20 moves, robots at corners of their tolerances"}
     text = DesignVerdict.of([row, corner]).unmet

@@ -20,8 +20,8 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.identification.consistency import Consistency, OutputConsistency, SquaredError, whiteness
-from flexhinf.pages import IdentifiedRobot, identified_ending
-from flexhinf.pages.identify import identified_table
+from flexhinf.pages import IdentifiedRobot
+from flexhinf.pages.identify import identified_table, identified_verdict
 
 # One filter for each test, compiled and run once: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -185,15 +185,14 @@ def test_the_table_of_two_joints_is_read_at_80_columns() -> None:
         disturbances={"motor_torque_shoulder": (0.5, 0.01)},
     )  # fmt: skip
     result = IdentifiedRobot(robot, found, FILTERED, None, ())
-    (table,) = identified_ending(result).tables
     console = Console(width=80, file=io.StringIO(), record=True)
-    console.print(table)
+    console.print(identified_table(result).terminal())
     text = console.export_text()
     words = {word for name in names for word in name.split("_")}
     assert unnamed(text, *words, "not") == []
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= 80
-    verdict = identified_ending(result).text
+    verdict = " ".join(identified_verdict(result))
     assert unnamed(verdict, "joint_damping", "coulomb_friction") == []
     assert unnamed(verdict, "shoulder", 50, "NIS", 1.5, 0.9, 1.1, "motor position", 0.1) == []
 

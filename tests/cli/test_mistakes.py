@@ -14,7 +14,7 @@ from typer.main import get_command
 
 from flexhinf.cli import main
 from flexhinf.cli.commands import app
-from flexhinf.design.specification import FIELDS
+from flexhinf.designs.specification import FIELDS
 from flexhinf.options import FieldInfo, option_name
 
 BOTH = ["--set", "penalty=link_position=1,link_position_integral=1"]
@@ -135,7 +135,8 @@ def test_what_is_wrong_with_an_option_is_told(
     words: list[str], what: str | tuple[str, ...], arm: str, folder: Path, refused: Callable[..., str]
 ) -> None:
     (folder / "arm.toml").write_text(arm, encoding="utf-8")
-    refused(["design", "arm.toml", *words], what, folder)
+    pose = [] if "--pose" in words else ["--pose", "home"]
+    refused(["design", "arm.toml", *pose, *words], what, folder)
 
 
 def test_degrees_without_their_unit_are_asked_about(folder: Path, refused: Callable[..., str]) -> None:
@@ -199,7 +200,7 @@ def test_a_design_that_is_not_there_is_told_as_such(
     [
         ["certify", "--check"],
         ["design", "paper", "--draws"],
-        ["compare", "paper", "--tune"],
+        ["compare", "paper", "--laws"],
         ["campaign", "compare", "a", "b", "--samples"],
         ["export", "c", "x", "--out"],
         ["export", "c"],
@@ -262,7 +263,8 @@ def test_a_setting_that_is_none_is_told(
 def test_a_pose_that_the_motor_cannot_hold_is_told(
     words: list[str], folder: Path, refused: Callable[..., str]
 ) -> None:
-    refused(["design", "paper", "--peak-effort", "6", *words], ("'joint'", "6 V"), folder)
+    pose = [] if "--pose" in words else ["--pose", "home"]
+    refused(["design", "paper", "--peak-effort", "6", *pose, *words], ("'joint'", "6 V"), folder)
 
 
 @pytest.mark.parametrize(
@@ -304,7 +306,7 @@ def test_a_design_with_a_misspelt_name_is_told_the_one_beside_it(
 
 def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
-    assert main(["design", "paper", *QUICK, "--out", str(tmp_path)]) == 2
+    assert main(["design", "paper", "--pose", "home", *QUICK, "--out", str(tmp_path)]) == 2
     assert "flexhinf-report.json" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 

@@ -19,7 +19,7 @@ from tests.refusals import unnamed
 
 from flexhinf import cli
 from flexhinf.cli import commands, main, messages
-from flexhinf.design import design_schema
+from flexhinf.designs import design_schema
 from flexhinf.progress import time_left
 
 

@@ -31,10 +31,10 @@ def design(folder: Path) -> str:
     """The folder of a report: a design file, and the controller that it gave."""
     controller = arm_controller(at=[-0.1], q=1e-9, r=1e-8, p0=1e-6, start="bumpless")
     controller.save(folder / "controller")
-    text = '[design]\nrobot = "paper"\nstart = [-0.1]\nduration = 0.2\n'
-    row = '{what = "%s", limit = "at most", asked = 0.0, found = %d, unit = "", where = "", holds = %s}'
+    text = '[design]\nrobot = "paper"\npose = "home"\nstart = [-0.1]\nduration = 0.2\n'
+    row = '{what = "%s", limit = 0.0, at_most = true, found = %d, unit = "", where = "", met = %s}'
     rows = [row % ("overshoot", 0, "true"), row % ("unstable corners", 44, "false")]
-    text += f"[result]\nduration = 0.2\nspecification = [{', '.join(rows)}]\n"
+    text += f"[result]\nduration = 0.2\nrequirements = [{', '.join(rows)}]\n"
     files = {
         "design.toml": text,
         "design.json": report_numbers(("overshoot", 0.0, True), ("unstable corners", 44.0, False)),

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 #: Libraries whose import takes longer than a help is printed in.
-HEAVY = {"numpy", "scipy", "casadi", "matplotlib", "llvmlite", "pydantic", "flexhinf.design.pipeline"}
+HEAVY = {"numpy", "scipy", "casadi", "matplotlib", "llvmlite", "pydantic", "flexhinf.designs.pipeline"}
 
 
 #: Commands that compute nothing.

@@ -66,7 +66,7 @@ COMMANDS: dict[str, tuple[Callable[[Path], None], list[str]]] = {
     "compare": (
         nothing,
         ["compare", "vertical-rig", "--pose", "0.8", "--start", "0.3", "--degrees", "2", "--estimator", "ekf",
-         "--draws", "2", "--duration", "4", "--candidates", "2,0", "--laws", "pd"],
+         "--draws", "2", "--duration", "4", "--laws", "pd"],
     ),
     "certify": (certified, ["certify", "design.toml", "--degree", "2"]),
     "identify": (

@@ -17,9 +17,9 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design.workspace import preset, proof as workspace_proof
-from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.workspace import preset, proof as workspace_proof
+from flexhinf.designs.workspace.proof import WorkspaceProof, prove_workspace
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.modal.multipliers import PopovTolerance
 from flexhinf.modal.pair_errors import Errors, Sector
 from flexhinf.modal.sampled_pairs import SampledPairs
@@ -83,9 +83,13 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     first = folder / "flexhinf-design"
     assert {"index.html", "design.toml", "design.json", "controller"} <= {p.name for p in first.iterdir()}
     written, numbers = stored(first)
-    assert written["design"] == {"robot": "../arm.toml", "workspace": "limits"}
+    own = {"workspace": "limits", "law": "modal", "estimator": "modal"}
+    assert written["design"] == {"robot": "../arm.toml", **own}
     assert written["result"]["met"] == (code == 0)
-    assert numbers["kind"] == "workspace"
+    assert (numbers["law"], numbers["task"]) == (
+        "modal",
+        {"pose": None, "start": None, "workspace": "limits"},
+    )
     assert main(["design", "flexhinf-design", "--no-advice", "--out", "again", "--threads", "2"]) == code
     again, same = stored(folder / "again")
     assert (again["design"]["workspace"], again["result"]) == ("limits", written["result"])
@@ -119,8 +123,8 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
     page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
     assert "payload mass" in page
     assert written["design"]["workspace"]["elbow"] == pytest.approx([-0.174533, 0.349066], rel=1e-5)
-    assert all(-0.1746 <= row["pose"][0] <= 0.3491 for row in numbers["poses"])
-    assert numbers["sampled_moves"] == []
+    assert all(-0.1746 <= row["pose"][0] <= 0.3491 for row in numbers["loops"])
+    assert {row["robot"] for row in numbers["runs"]} == {"nominal"}
 
 
 @pytest.mark.ci("designs a workspace, and half of another one")
@@ -141,15 +145,14 @@ def test_an_interrupted_design_leaves_what_was_there(
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["design", "--workspace", "limits", "--preset", "damped"], ("--workspace", "--preset")),
+        (["design", "--workspace", "limits", "--preset", "damped"], ("--preset", "--law nl-hinf", "--pose")),
         (["design", "--workspace", "limits", "--pose", "0.1"], ("--workspace", "--pose")),
         (["design", "--workspace=-9:9"], "'elbow'"),
         (["design", "--workspace", "here"], "'here'"),
         (["design", "--set", "gamma_ratio=1.5"], ("--set gamma_ratio", "--pose")),
-        (["design", "--estimator", "ukf"], ("--estimator", "--pose")),
+        (["design", "--estimator", "observer"], ("--estimator", "--pose")),
         (["compare", "--laws", "nl-hinf"], ("'nl-hinf'", "--pose")),
-        (["compare", "--tune", "none"], ("--tune", "--pose")),
-        (["compare", "--degrees", "2", "--gains", "mine.toml"], "mine.toml"),
+        (["compare", "--pose", "0.1", "--gains", "mine.toml"], "mine.toml"),
         (["certify", "--workspace", "limits"], ("--workspace", "--pose", "flexhinf design")),
         (
             ["design", "--workspace", "limits", "--preset", "proved", "--unknown-delay", "2ms"],
@@ -173,7 +176,7 @@ def test_certify_proves_with_the_unknown_delay_that_an_option_or_a_file_states(
         asked.append(request.specification.unknown_samples)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(import_module("flexhinf.design"), "requested_loop", stop)
+    monkeypatch.setattr(import_module("flexhinf.designs"), "requested_loop", stop)
     refused(["certify", "planar-two-link", "--unknown-delay", "2ms"], ("unknown", "2 ms"), folder)
     (folder / "late.toml").write_text('[design]\nrobot = "planar-two-link"\nunknown_delay = "1ms"\n')
     for words in (["planar-two-link", "--unknown-delay", "1ms"], ["late.toml"], ["planar-two-link"]):
@@ -250,7 +253,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert main(["campaign", "compare", "made", "made", "--samples", "3", "--out", "pair"]) == 0
     assert unnamed(capsys.readouterr().err, "differ") == []
     assert (loaded.name, s.workspace) == ("arm", "limits")
-    stated = ["--pose", "5deg", *QUICK]
+    stated = ["--law", "nl-hinf", "--pose", "5deg", *QUICK]
     capsys.readouterr()
     assert main(["design", "made", *stated, "--estimator", "none", "--out", "one"]) in (0, 1)
     shown = capsys.readouterr()
@@ -304,5 +307,10 @@ def test_its_controller_goes_from_pose_to_pose_in_mujoco(
     capsys.readouterr()
     assert main([*run, "--start", "-0.5", "--pose", "0.4", "--verbose"]) == 0
     assert unnamed(capsys.readouterr().out, "remaining error", "wrong way") == []
+    (folder / "way.csv").write_text("time [s],elbow [rad]\n0,0\n1,0.2\n", encoding="utf-8")
+    assert main([*run, "--move", "way.csv", "--verbose"]) == 0  # of the run alone: the controller has no move
+    shown = capsys.readouterr()
+    assert unnamed(shown.out, "remaining error", "wrong way") == []
+    assert "gives way" not in shown.err
     for words in (["--set", "shaping=quintic"], ["--set", "feedforward=no"], ["--overshoot", "3"]):
         refused([*run, *words], words[0].removeprefix("--no-"), folder)

@@ -52,18 +52,18 @@ NIGHTLY = {
     "docs/hardware.md-2": "designs seven joints; docs/design.md-1 has two, tests/cli/test_workspace.py a payload",
     "docs/identify.md-4": "designs twice; tests/identification/test_circle.py does it in Python",
     "docs/moves.md-4": "judged by a move, of two links; tests/cli/test_design.py has one link",
-    "docs/moves.md-6": "goals in space; tests/cli/test_design.py has others, tests/design/test_cartesian.py these",
-    "docs/moves.md-7": "one more command; tests/cli/test_design.py has one, tests/design/test_plans.py shapes steps",
+    "docs/moves.md-6": "goals in space; tests/cli/test_design.py has others, tests/designs/test_cartesian.py these",
+    "docs/moves.md-7": "one more command; tests/cli/test_design.py has one, tests/designs/test_plans.py shapes steps",
     "docs/moves.md-8": "two designs; below it runs with a smaller search",
     "docs/package.md-2": "two designs; README.md-2 has one in Python, docs/robots.md-7 the other",
     "docs/robots.md-4": "a design of a file of one's own, as docs/start/index.md-4",
     "docs/robots.md-5": "as the program of that page, docs/robots.md-7",
-    "docs/robots.md-6": "extras, as in tests/design/test_limit_cycle.py",
+    "docs/robots.md-6": "extras, as in tests/designs/test_limit_cycle.py",
     "docs/robots.md-10": "reads a URDF, as docs/start/index.md does",
     "docs/robots.md-18": "reads a URDF, as docs/start/index.md does",
     "docs/start/index.md-8": "one more design; docs/start/index.md-4 has one, docs/start/index.md-9 that file",
     "docs/theorem.md-1": "checks every cell in rationals; docs/certificate.md checks a sample",
-    "docs/weights.md-1": "a proof for all tolerances, as in tests/design/test_proved_step.py",
+    "docs/weights.md-1": "a proof for all tolerances, as in tests/designs/test_proved_step.py",
 }
 LONG = {"design", "compare", "paper", "campaign", "estimate", "identify", "certify"}
 
@@ -255,7 +255,13 @@ def programs() -> list[object]:
         )
         for block in BLOCKS
         if block.language == "python"
+        and not (block.file and f"python {block.file}" in commands_text(block.page))
     ]
+
+
+def commands_text(page: Path) -> str:
+    """The text of all commands of a page, which may run the programs that it shows as files."""
+    return "\n".join(block.text for block in BLOCKS if block.page == page and block.language == "sh")
 
 
 # Running --------------------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ def test_counts_are_those_of_the_repository(repository: Path) -> None:
 
 #: Parts of several designs; those of one are computed in `make ci`.
 IN_NIGHTLY = {
-    "presets": "designs the arm eight times", "laws": "tunes every law",
+    "presets": "designs the arm eight times",
     "circle": "identifies and designs twice", "step": "designs two links, and a rigid one",
     "moves": "designs two links", "augmentation": "simulates every choice of noise",
 }  # fmt: skip

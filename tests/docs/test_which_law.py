@@ -19,7 +19,7 @@ from flexhinf.robot.workspace import workspace_of
 @pytest.fixture
 def pages(repository: Path) -> dict[str, str]:
     """Text by name, spaces as one."""
-    names = ("which_law", "workspace", "comparison_study", "degrees")
+    names = ("which_law", "workspace", "degrees")
     return {name: (repository / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in names}
 
 
@@ -27,15 +27,6 @@ def test_the_page_is_short_and_linked(pages: dict[str, str], repository: Path) -
     assert len(pages["which_law"].splitlines()) <= 120
     assert "which_law.md" in pages["workspace"]
     assert "docs/which_law.md" in (repository / "README.md").read_text(encoding="utf-8")
-
-
-def test_quoted_criteria_are_those_of_the_comparison(pages: dict[str, str]) -> None:
-    """A law of `flexhinf compare` with its criterion behind it."""
-    table = dict(re.findall(r"^\| `([\w-]+)`: [^|]*\| ([\d.]+) \|", pages["comparison_study"], re.MULTILINE))
-    quoted = re.findall(r"`([\w-]+)` (\d\.\d\d)", pages["which_law"])
-    assert len(quoted) >= 4
-    for law, criterion in quoted:
-        assert table[law] == criterion, law
 
 
 def test_the_quoted_gain_of_a_cubic_law_is_that_of_the_study(pages: dict[str, str]) -> None:

@@ -12,7 +12,8 @@ from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.codegen.c.statements import POINTERS
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.export.controller_c import code_of
 from flexhinf.robot.workspace import workspace_of
 
@@ -204,7 +205,7 @@ def unused(function: str) -> list[str]:
 
 def of_a_workspace(links: str) -> fh.Controller:
     robot, limits = fh.load_robot(links), fh.Specification(workspace="limits")
-    setup = tuned_setup(robot, limits, workspace_of(robot, limits.workspace))
+    setup = tuned_setup(robot, limits, Task(workspace_of(robot, limits.workspace)))
     return setup.controller(setup.workspace.home, supervision=setup.supervision)
 
 

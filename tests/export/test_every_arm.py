@@ -15,8 +15,8 @@ from tests.export.conftest import STRICT
 from tests.tiers import ci_and_night
 
 import flexhinf as fh
-from flexhinf.design.workspace.evidence import LoopOverWorkspace
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.workspace.evidence import LoopOverWorkspace
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.export.compiled import compiler_flags
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import controller_files, write_files

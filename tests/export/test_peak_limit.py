@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.responses import joint_limits
+from flexhinf.designs.responses import joint_limits
 
 QUICK = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0, "compare_rigid": False}
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.designs.task import Task
+from flexhinf.designs.workspace.search import tuned_setup
 from flexhinf.export.compiled import CompiledController
 from flexhinf.plant import rk4_step
 from flexhinf.robot.workspace import workspace_of
@@ -144,7 +145,7 @@ def workspace() -> fh.Controller:
     """A design for the workspace with encoders on both sides, without its judgement."""
     robot, sensors = fh.load_robot("planar-two-link"), ("link_position", "motor_position")
     s = fh.Specification(workspace="limits", measured=sensors, saturation=LIMIT)
-    setup = tuned_setup(robot, s, workspace_of(robot, "limits"))
+    setup = tuned_setup(robot, s, Task(workspace_of(robot, "limits")))
     return setup.controller(setup.workspace.home, supervision=setup.supervision)
 
 

@@ -57,7 +57,7 @@ def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
         assert high - low < 0.01 * true.nominal[name]
     designs = [fh.design(fh.load_robot(tmp_path / file), REQUIRED) for file in ("guess.toml", "robot.toml")]
     (first, remaining), (second, left) = (step_on(true, design) for design in designs)
-    allowed = designs[1].specification.overshoot_limit
+    allowed = designs[1].specification.limit("overshoot")
     print(
         f"overshoot {first:.1f} and {second:.2f} % of at most {allowed:g} %, remains {remaining:.2g} and {left:.2g} rad"
     )

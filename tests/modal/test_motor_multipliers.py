@@ -10,10 +10,10 @@ from benchmarks.workspace import masses
 from benchmarks.workspace.robots import ROBOTS
 from scipy.optimize import minimize
 
-from flexhinf.design import Specification
-from flexhinf.design.workspace.proof import motors_apart, sampled_pairs
-from flexhinf.design.workspace.search import RANDOM
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs import Specification
+from flexhinf.designs.workspace.proof import motors_apart, sampled_pairs
+from flexhinf.designs.workspace.search import RANDOM
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.modal import motor_multipliers as search, pair_gains
 from flexhinf.modal.multipliers import popov_tolerance
 from flexhinf.modal.pair_errors import NONE, ChannelWeights, Errors, FilterWeights, Multipliers, Sector

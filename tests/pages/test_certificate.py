@@ -10,8 +10,8 @@ from tests.pages.conftest import CHECKED_PENALTY
 
 from flexhinf.certify.certificate import path_start
 from flexhinf.certify.starts import start_surface
-from flexhinf.design.certification import CertifiedDegree, Evidence
-from flexhinf.design.specification import Specification
+from flexhinf.designs.certification import CertifiedDegree, Evidence
+from flexhinf.designs.specification import Specification
 from flexhinf.pages.certificate import certificate_page
 
 ASKED = Specification(pose=(np.pi,))

@@ -4,37 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 import flexhinf as fh
 from flexhinf.certify import load_certificate
-from flexhinf.design import PoseEvidence
-from flexhinf.design.laws import law_kind
-from flexhinf.design.result import judged_by
-from flexhinf.pages.files import _law
+from flexhinf.designs import PoseEvidence
+from flexhinf.designs.result import judged_by
 
 Make = Callable[[str], PoseEvidence]
-
-
-@pytest.mark.parametrize(
-    ("failure", "linear", "told"),
-    [("", None, ""), ("no gains", None, "no gains"), ("", "", ""), ("", "no equilibrium", "no equilibrium"),
-     ("misses a limit", "no equilibrium", "misses a limit")],
-)  # fmt: skip
-def test_a_law_says_why_it_has_no_figures(failure: str, linear: str | None, told: str) -> None:
-    kept = SimpleNamespace(metrics=[])
-    e = linear is not None and SimpleNamespace(
-        linear_failure=linear, worst={}, needed_states=(), corners=None, step=kept, load_response=kept, move=kept
-    )  # fmt: skip
-    row: Any = SimpleNamespace(
-        name="pd", kind=law_kind("pd"), failure=failure, evaluation=e or None, tuned=None, metrics={}, requirements=()
-    )  # fmt: skip
-    numbers = _law(row)
-    assert (numbers["failure"], numbers["compared"]) == (told, linear is not None)
 
 
 @pytest.mark.ci("searches weights and noise of a law of degree 4")

@@ -15,8 +15,8 @@ from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design import Specification
-from flexhinf.design.deployed_run import DeployedRun, prepare_run
+from flexhinf.designs import Specification
+from flexhinf.designs.deployed_run import DeployedRun, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
 from flexhinf.pages import film as module

@@ -14,21 +14,22 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.campaign.batches import PART
-from flexhinf.design import PoseEvidence
+from flexhinf.designs import PoseEvidence
 from flexhinf.loop import Supervision
 from flexhinf.loop.controller.governor import Governor
-from flexhinf.pages.campaign_numbers import column_scale, unlike_parts, value_in
-from flexhinf.pages.campaign_parts import few_ticks, small_panels
+from flexhinf.pages.campaign_text import column_scale, unlike_parts, value_in
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
     Units,
     amplitude_text,
     changes_text,
+    few_ticks,
     listed,
     note,
     pose_text,
     range_text,
     settling_text,
+    small_panels,
     units_of,
 )
 from flexhinf.report import Column, finite

@@ -6,7 +6,7 @@ import numpy as np
 from tests.refusals import unnamed
 
 from flexhinf.certify.checker.moves import CheckedMoves
-from flexhinf.design.workspace.moves import ProvedMoves
+from flexhinf.designs.workspace.moves import ProvedMoves
 from flexhinf.pages.workspace_proof import moves_text
 
 

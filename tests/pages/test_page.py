@@ -17,11 +17,11 @@ from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
 from flexhinf.analysis import Margins
-from flexhinf.design import PoseEvidence
-from flexhinf.design.problem.weights import Behaviour, SearchResult, TargetBehaviour, WeightCandidate
-from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Response
-from flexhinf.design.status import StatusEntries
+from flexhinf.designs import PoseEvidence
+from flexhinf.designs.problem.weights import Behaviour, SearchResult, TargetBehaviour, WeightCandidate
+from flexhinf.designs.requirements import Requirement
+from flexhinf.designs.responses import Response
+from flexhinf.designs.status import StatusEntries
 from flexhinf.hinf import HJISolution
 from flexhinf.numerals import number
 from flexhinf.pages import design_page
@@ -31,7 +31,7 @@ from flexhinf.pages.design.law import mode_table
 from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import joint_table, units_of, with_figures
+from flexhinf.pages.drawing import joint_table, units_of
 from flexhinf.pages.page import (
     design_settings,
     input_rows,
@@ -41,7 +41,7 @@ from flexhinf.pages.page import (
     requirement_table,
     title_of,
 )
-from flexhinf.report import Cell, Column, Page
+from flexhinf.report import Cell, Column, Page, with_figures
 
 Make = Callable[[str], PoseEvidence]
 ORDER = [

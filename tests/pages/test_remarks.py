@@ -11,8 +11,8 @@ import pytest
 from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
-from flexhinf.design import PoseEvidence
-from flexhinf.design.certification import DesignProof
+from flexhinf.designs import PoseEvidence
+from flexhinf.designs.certification import DesignProof
 from flexhinf.numerals import number
 from flexhinf.pages import notes, verdict
 from flexhinf.pages.design.region import proof_text

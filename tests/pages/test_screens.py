@@ -17,7 +17,7 @@ from tests.report.test_browser import LEGIBLE, LETTERS, UNFOLD
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design import Specification
+from flexhinf.designs import Specification
 from flexhinf.pages import certificate_page, write_report
 
 # Designs are made once here, or by a test of a command: compiled in half the time.
@@ -96,7 +96,7 @@ def page_of(folder: Path, request: pytest.FixtureRequest) -> Any:
         if path.exists():
             return path
         if kind == "comparison":
-            write_report(request.getfixturevalue("report_comparison"), path.parent)
+            request.getfixturevalue("report_comparison").save(path.parent)
         elif kind in OF_DOCS:
             place.parent.mkdir()
             with pytest.MonkeyPatch.context() as patch:

@@ -15,18 +15,21 @@ from tests import workspaces
 from tests.refusals import unnamed
 
 import flexhinf as fh
+from flexhinf import report
 from flexhinf.certify.checker.pairs import CheckedPairs
-from flexhinf.design import Specification, design_workspace
-from flexhinf.design.advice import Advice, Change, Trial
-from flexhinf.design.requirements import REQUIREMENTS, Requirement
-from flexhinf.design.responses import motion_metrics
-from flexhinf.design.result import judged_by
-from flexhinf.design.verdict import UNKNOWN
-from flexhinf.design.workspace.evidence import WorkspaceEvidence
-from flexhinf.design.workspace.judgement import UNHELD, holding_requirement
-from flexhinf.design.workspace.masses import StatedErrors
-from flexhinf.design.workspace.proof import WorkspaceProof
-from flexhinf.design.workspace.robustness import (
+from flexhinf.designs import Specification, design_workspace
+from flexhinf.designs.advice import Advice, Change, Trial
+from flexhinf.designs.fields import resolved
+from flexhinf.designs.judge import UNHELD, holding_requirement
+from flexhinf.designs.requirements import REQUIREMENTS, Requirement
+from flexhinf.designs.responses import motion_metrics
+from flexhinf.designs.result import judged_by
+from flexhinf.designs.verdict import UNKNOWN
+from flexhinf.designs.workspace.evidence import WorkspaceEvidence
+from flexhinf.designs.workspace.masses import StatedErrors
+from flexhinf.designs.workspace.proof import WorkspaceProof
+from flexhinf.designs.workspace.resting_loops import CHOSEN_SEED, OFFSET_TIME
+from flexhinf.designs.workspace.robustness import (
     LATEST,
     Cause,
     Robustness,
@@ -35,14 +38,14 @@ from flexhinf.design.workspace.robustness import (
     remaining_errors,
     robustness,
 )
-from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
-from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
+from flexhinf.designs.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.modal.pair_errors import Errors, Sector
 from flexhinf.modal.unstable import UnstableError
 from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.files import EarlyParts, design_files
 from flexhinf.pages.page import files_section
+from flexhinf.pages.workspace_parts import WorkspaceParts
 from flexhinf.pages.workspace_proof import (
     masses_text,
     stability_text,
@@ -63,7 +66,7 @@ def design(unoptimised):
             patch, POSES=6, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(10.0,), MARGIN=1.02
         )  # fmt: skip
         s = Specification(measured=("link_position", "motor_position"))
-        return design_workspace(fh.paper_arm(), s)
+        return design_workspace(fh.paper_arm(), resolved(fh.paper_arm(), s))
 
 
 @pytest.fixture(scope="module")
@@ -161,11 +164,11 @@ def test_every_joint_has_its_worst_move(made, design):
 
 def test_limits_are_told_of_a_robot_that_has_some(design, tolerated):
     """The paper's arm states none: no share of them and no ripple in moves, but what is assumed."""
+    assert "ripple" not in text_of(page._move_table(design).html())
     limited = dataclasses.replace(design.specification, saturation=60.0)
     limited = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=limited))
     for of, told in ((design, False), (limited, True)):
         assert (unnamed(text_of(page._goals(of, tolerated).html()), "70 %") == []) == told
-        assert (unnamed(text_of(page._move_table(of).html()), "ripple") == []) == told
         assert (unnamed(text_of(page._law_table(of).html()), "assumed") == []) != told
 
 
@@ -179,7 +182,7 @@ def test_the_law_can_be_made_again_from_the_page(made, design):
     again = pair_gains(gains.ends, gains.motor, gains.damping, gains.period, w)
     np.testing.assert_array_equal(again.coefficients, gains.coefficients)
     seeds = POSES_SEED, GOALS_SEED, SAMPLED_SEED, CHOSEN_SEED
-    assert unnamed(text_of(made().settings.html()), *seeds) == []
+    assert unnamed(text_of(report.Settings(made().settings).html()), *seeds) == []
 
 
 def test_files_stand_in_the_order_of_their_numbers():
@@ -357,7 +360,7 @@ def test_what_was_tried_is_told_and_no_option_that_was_not(design, tolerated):
     near, far = (dataclasses.replace(full, found=found) for found in (0.3, 0.9))
     trials = tuple(Trial(change, (line,), whole=True) for change, line in ((fast, far), (slow, near)))
     text = summary.workspace_advice(weak, Advice(trials, (Change("limit", {"ripple": "6"}),), 20.0))
-    assert unnamed(text, "--peak-speed 0.5 misses least", "0.3 s", "0.9 s", "--ripple 6", "20 s") == []
+    assert unnamed(text, "--peak-speed 0.5 misses least", "0.3 s", "0.9 s", "--set ripple=6", "20 s") == []
     given_up = (trials[0], dataclasses.replace(trials[1], whole=False))  # the moves may go further astray
     text = summary.workspace_advice(weak, Advice(given_up, (), 20.0))
     assert unnamed(text, "--period 0.5ms misses least", "0.3 s", "≤ 0.2 s", "given up") == []
@@ -390,7 +393,7 @@ def test_poses_that_the_motors_cannot_hold_are_counted(design):
     assert robustness_of(weak).unheld == 2
     assert unnamed(summary.workspace_verdict(weak), " 2 of", "motors have") == []
     assert summary.workspace_advice(weak, None) == ""
-    unheld = tuple(holding_requirement(weak.setup, design.poses))
+    unheld = tuple(holding_requirement(weak.setup.needs(design.poses)))
     unheld = dataclasses.replace(weak, requirements=unheld)
     assert unnamed(summary.workspace_advice(unheld, None), "effort_limit") == []
     assert unnamed(summary.workspace_verdict(design), "motors have") != []
@@ -416,7 +419,7 @@ def test_settings_say_who_states_the_workspace(made, design):
         s = dataclasses.replace(design.specification, workspace=stated)
         setup = dataclasses.replace(design.setup, specification=s, workspace=space)
         of = dataclasses.replace(design, setup=setup)
-        return summary.range_of(of), [row[3] for row in page._sample_rows(of)[:3]]
+        return summary.poses_of(of), [row.note for row in page._sample_rows(of)[:3]]
 
     space = design.setup.workspace
     _, (stated, *ends) = rows("limits", space)
@@ -427,7 +430,7 @@ def test_settings_say_who_states_the_workspace(made, design):
     assert all(text == "option --workspace" for text in told)
     assert "waypoints" in where
     ratio = fh.load_robot("scara")
-    assert "1" not in {row[2] for row in page.robot_rows(ratio)}
+    assert "1" not in {row.unit for row in page.robot_rows(ratio)}
 
 
 def test_both_required_dampings_are_drawn(design):
@@ -436,7 +439,7 @@ def test_both_required_dampings_are_drawn(design):
 
 
 def test_the_numbers_of_the_page_are_in_its_file(design, tolerated):
-    numbers = page.workspace_numbers(design)
+    numbers = WorkspaceParts(design).facts()
     assert numbers["tolerated"]["louder"] == tolerated.louder
     assert numbers["tolerated"]["tolerance"]["lower"] == tolerated.tolerance.errors.masses.lower
     assert numbers["tolerated"]["proved"]["high"] == tolerated.proved.high

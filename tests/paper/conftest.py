@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from flexhinf.pages import paper_files
 from flexhinf.paper import PaperSettings, Reproduction, reproduce
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.paper.reproduction import STAGES
@@ -27,3 +28,9 @@ def reproduction(said: list[str]) -> Reproduction:
     result = reproduce(PaperSettings(), progress=said.append)
     assert len(said) == STAGES
     return result
+
+
+@pytest.fixture(scope="session")
+def files(reproduction: Reproduction) -> dict[str, str]:
+    """The files of its report."""
+    return paper_files(reproduction)

@@ -20,12 +20,12 @@ FIGURES = [f"{number:02d}" for number in range(3, 13)]
 
 
 @pytest.fixture(scope="module")
-def metrics(reproduction: Reproduction) -> dict[str, Any]:
-    return json.loads(reproduction.files["metrics.json"])
+def metrics(files: dict[str, str]) -> dict[str, Any]:
+    return json.loads(files["metrics.json"])
 
 
-def test_the_files_are_those_of_the_report(reproduction: Reproduction) -> None:
-    assert set(reproduction.files) == {"index.html", "metrics.json", *(f"figure_{n}.svg" for n in FIGURES)}
+def test_the_files_are_those_of_the_report(files: dict[str, str]) -> None:
+    assert set(files) == {"index.html", "metrics.json", *(f"figure_{n}.svg" for n in FIGURES)}
 
 
 def test_metrics_have_the_promised_form(metrics: dict[str, Any]) -> None:
@@ -77,12 +77,12 @@ def test_every_claim_of_the_issue_is_judged_once(metrics: dict[str, Any]) -> Non
 
 
 def test_our_own_question_is_not_counted_among_the_claims(
-    metrics: dict[str, Any], reproduction: Reproduction
+    metrics: dict[str, Any], files: dict[str, str]
 ) -> None:
     ours = {entry["id"] for entry in metrics["our_questions"]}
     assert ours == {"beats-linear-about-the-goal"}
     assert ours.isdisjoint(claim["id"] for claim in metrics["claims"])
-    assert f"Of {len(metrics['claims'])} claims" in reproduction.files["index.html"]
+    assert f"Of {len(metrics['claims'])} claims" in files["index.html"]
 
 
 def test_verdicts_at_the_default_settings(metrics: dict[str, Any]) -> None:
@@ -94,7 +94,7 @@ def test_verdicts_at_the_default_settings(metrics: dict[str, Any]) -> None:
 
 
 def test_a_claim_about_several_steps_has_a_verdict_for_each(
-    metrics: dict[str, Any], reproduction: Reproduction
+    metrics: dict[str, Any], reproduction: Reproduction, files: dict[str, str]
 ) -> None:
     """Old code let a claim fail that fails at 180° alone, and said nothing of 180° where 90° was judged."""
     alone = {c["id"]: c["by_step"] for c in (*metrics["claims"], *metrics["our_questions"]) if "by_step" in c}
@@ -105,22 +105,22 @@ def test_a_claim_about_several_steps_has_a_verdict_for_each(
         "integral-weight-is-fast",
         "beats-linear-about-the-goal",
     }
-    page = reproduction.files["index.html"]
+    page = files["index.html"]
     for claim in reproduction.claims:
         assert page.count(claim.parts_text) >= 1
 
 
-def test_what_no_claim_judges_is_said(metrics: dict[str, Any], reproduction: Reproduction) -> None:
+def test_what_no_claim_judges_is_said(metrics: dict[str, Any], files: dict[str, str]) -> None:
     said = " ".join(entry["said"] for entry in metrics["not_judged"])
     assert (
         unnamed(said, "n links", "Figs. 1 and 2", "feedback linearisation", "bias", "farther from x = 0")
         == []
     )
-    assert all(escape(entry["said"]) in reproduction.files["index.html"] for entry in metrics["not_judged"])
+    assert all(escape(entry["said"]) in files["index.html"] for entry in metrics["not_judged"])
 
 
-def test_the_page_says_first_what_it_did_not_do_and_what_fails(reproduction: Reproduction) -> None:
-    page = reproduction.files["index.html"]
+def test_the_page_says_first_what_it_did_not_do_and_what_fails(files: dict[str, str]) -> None:
+    page = files["index.html"]
     assert unnamed(page.split('<article class="claim"')[0], "printed curve") == []
     order = re.findall(r'<article class="claim" id="claim-([a-z0-9-]+)"', page)
     assert set(order[:2]) == {"tracks-sine", "withstands-tolerances"}
@@ -128,9 +128,9 @@ def test_the_page_says_first_what_it_did_not_do_and_what_fails(reproduction: Rep
         assert article.index("<strong>Criterion.") < article.index('class="badge')
 
 
-def test_nothing_sampled_is_called_guaranteed(reproduction: Reproduction) -> None:
-    words = re.findall(r"[^.<>]*guarantee[^.<>]*", reproduction.files["index.html"])
-    claims = [claim["text"] for claim in json.loads(reproduction.files["metrics.json"])["claims"]]
+def test_nothing_sampled_is_called_guaranteed(files: dict[str, str]) -> None:
+    words = re.findall(r"[^.<>]*guarantee[^.<>]*", files["index.html"])
+    claims = [claim["text"] for claim in json.loads(files["metrics.json"])["claims"]]
     (quoted,) = (text for text in claims if "guarantee" in text)  # the paper's own sentence
     assert all(text.strip() in quoted for text in words), words
 
@@ -143,8 +143,8 @@ def test_the_cubic_law_beats_the_linear_one_on_steps(metrics: dict[str, Any]) ->
         assert laws["nonlinear"]["settling_time_s"] < laws["linear"]["settling_time_s"]
 
 
-def test_about_the_goal_the_order_reverses(reproduction: Reproduction) -> None:
-    page = reproduction.files["index.html"]
+def test_about_the_goal_the_order_reverses(files: dict[str, str]) -> None:
+    page = files["index.html"]
     evidence = page[page.index('id="claim-beats-linear-about-the-goal"') :]
     rows = {
         (cells[0], cells[1]): [float(cell) for cell in cells[2:]]
@@ -172,45 +172,45 @@ def test_on_tracking_the_order_reverses(metrics: dict[str, Any]) -> None:
     assert laws["nonlinear"]["largest_error_rad"] > 2 * laws["linear"]["largest_error_rad"]
 
 
-def test_the_page_is_self_contained_and_names_every_figure(reproduction: Reproduction) -> None:
-    page = reproduction.files["index.html"]
+def test_the_page_is_self_contained_and_names_every_figure(files: dict[str, str]) -> None:
+    page = files["index.html"]
     assert not re.search(r"<link\b|<script[^>]*src", page)
     assert not re.search(r'(src|href)="(?!#)', page)
     for number in FIGURES:
         assert f'id="figure-{number}"' in page
-        assert reproduction.files[f"figure_{number}.svg"].lstrip().startswith("<?xml")
+        assert files[f"figure_{number}.svg"].lstrip().startswith("<?xml")
 
 
-def test_axes_have_names_and_units(reproduction: Reproduction) -> None:
+def test_axes_have_names_and_units(files: dict[str, str]) -> None:
     for number in FIGURES:
-        drawing = reproduction.files[f"figure_{number}.svg"]
+        drawing = files[f"figure_{number}.svg"]
         assert "(°)" in drawing or "motor voltage (V)" in drawing
         assert "time (s)" in drawing
     for number in ("11", "12"):
-        drawing = reproduction.files[f"figure_{number}.svg"]
+        drawing = files[f"figure_{number}.svg"]
         assert all(name in drawing for name in ("link − command", "(°)", "disturbance", "torque (N·m)"))
     for number in ("09", "10"):
-        drawing = reproduction.files[f"figure_{number}.svg"]
+        drawing = files[f"figure_{number}.svg"]
         assert all(name in drawing for name in ("largest overshoot", "settles last"))
 
 
-def test_the_worst_runs_are_the_worst(reproduction: Reproduction, metrics: dict[str, Any]) -> None:
+def test_the_worst_runs_are_the_worst(files: dict[str, str], metrics: dict[str, Any]) -> None:
     nine = metrics["figures"]["09"]["nonlinear"]
-    page = reproduction.files["index.html"]
+    page = files["index.html"]
     table = page[page.index('id="table-1"') :].split("</table>")[0]
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:]]
     assert float(rows[0][1]) == pytest.approx(nine["overshoot_percent"][2], abs=0.006)
     assert float(rows[1][2]) == pytest.approx(nine["settling_time_s"][2], abs=0.006)
 
 
-def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> None:
+def test_the_same_settings_give_the_same_bytes(files: dict[str, str]) -> None:
     again = PaperSetup(PaperSettings())
     for number in ("03", "11"):
-        assert FIGURES_DRAWN[number][-1](again) == reproduction.files[f"figure_{number}.svg"]
+        assert FIGURES_DRAWN[number][-1](again) == files[f"figure_{number}.svg"]
 
 
-def test_tables_and_figures_are_numbered_and_claims_point_at_the_numbers(reproduction: Reproduction) -> None:
-    page = reproduction.files["index.html"]
+def test_tables_and_figures_are_numbered_and_claims_point_at_the_numbers(files: dict[str, str]) -> None:
+    page = files["index.html"]
     targets = set(re.findall(r'<a href="#((?:table|figure)-[^"]+)"', page))
     assert targets
     assert all(re.fullmatch(r"(table|figure)-\d+", target) for target in targets)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from flexhinf.pages import paper_files
 from flexhinf.paper import PaperSettings, reproduce
 
 pytestmark = [
@@ -44,7 +45,7 @@ def test_other_settings_give_a_report_too(options: dict[str, Any]) -> None:
         raise AssertionError(f"metrics.json holds {constant}")
 
     result = reproduce(PaperSettings(**options))
-    metrics = json.loads(result.files["metrics.json"], parse_constant=refuse)
+    metrics = json.loads(paper_files(result)["metrics.json"], parse_constant=refuse)
     for claim in metrics["claims"]:
         assert claim["verdict"] in {"holds", "fails", "ties", "not judged"}
         assert not re.search(r"\b(inf|nan|None)\b", claim["evidence"]), claim["evidence"]

@@ -108,26 +108,24 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
             "steps",
         ),
     )
-    settings = report.Settings(
-        {
-            "Arm": [
-                report.Setting("mass", 1.0, "kg", "Table 1"),
-                report.Setting("joint stiffness", 100.0, "N·m/rad"),
-            ],
-            "Choices": [
-                report.Setting("γ", math.inf, "", "ours"),
-                report.Setting("weights", [60, 0, 0, 0, 300], "", "Eq. (11)"),
-                report.Setting("saturation", None, "V", "none in the paper"),
-                report.Setting("sub-steps", 4, "", "from the fastest mode, 100 rad/s"),
-            ],
-        }
-    )
-    numbers = (
-        report.KeyNumber("γ*", 123.0307, "", "smallest feasible"),
-        report.KeyNumber("overshoot at 180°", 1.18, "%", "linear law: 31.5 %"),
-        report.KeyNumber("settling time", 2.004, "s"),
-        report.KeyNumber("peak voltage", 37.2, "V"),
-        report.KeyNumber("unstable corners", "12 of 400", "", "R^v = 0.01"),
+    settings = {
+        "Arm": [
+            report.Fact("mass", 1.0, "kg", "Table 1"),
+            report.Fact("joint stiffness", 100.0, "N·m/rad"),
+        ],
+        "Choices": [
+            report.Fact("γ", math.inf, "", "ours"),
+            report.Fact("weights", [60, 0, 0, 0, 300], "", "Eq. (11)"),
+            report.Fact("saturation", None, "V", "none in the paper"),
+            report.Fact("sub-steps", 4, "", "from the fastest mode, 100 rad/s"),
+        ],
+    }
+    facts = (
+        report.Fact("γ*", 123.0307, "", "smallest feasible"),
+        report.Fact("overshoot at 180°", 1.18, "%", "linear law: 31.5 %"),
+        report.Fact("settling time", 2.004, "s"),
+        report.Fact("peak voltage", 37.2, "V"),
+        report.Fact("unstable corners", "12 of 400", "", "R^v = 0.01"),
     )
     return report.Page(
         title=title,
@@ -135,8 +133,9 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
         verdict=report.summary(claims.claims),
         sections=sections,
         settings=settings,
-        provenance=report.Provenance("flexhinf paper --out 'my report'", seed=0),
-        numbers=numbers,
+        command=("flexhinf", "paper", "--out", "my report"),
+        seed=0,
+        facts=facts,
     )
 
 

@@ -7,8 +7,10 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
 from flexhinf import report
@@ -59,8 +61,7 @@ def page_of(*blocks: report.PageBlock, **changes: object) -> report.Page:
         "request": "a",
         "verdict": "v",
         "sections": (report.Section("s", blocks, "s"),),
-        "settings": report.Settings({}),
-        "provenance": report.Provenance("flexhinf", None, {"flexhinf": "0"}),
+        "command": ("flexhinf",),
     }
     return report.Page(**{**content, **changes})  # type: ignore[arg-type]
 
@@ -123,16 +124,16 @@ def test_the_top_says_the_verdict_the_numbers_and_what_was_asked(page_html: str)
         page_of(title=HOSTILE),
         page_of(request=HOSTILE),
         page_of(verdict=HOSTILE),
-        page_of(numbers=(report.KeyNumber(HOSTILE, HOSTILE, HOSTILE, HOSTILE),)),
-        page_of(sections=(report.Section(HOSTILE, (), "s"),)),
+        page_of(facts=(report.Fact(HOSTILE, HOSTILE, HOSTILE, HOSTILE),)),
+        page_of(sections=(report.Section(HOSTILE, (report.Paragraph("p"),), "s"),)),
         page_of(report.Paragraph(HOSTILE)),
         page_of(report.Note(f"`{HOSTILE}`")),
         page_of(report.Bullets((HOSTILE,))),
         page_of(report.Listing(HOSTILE)),
         page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
         page_of(report.JudgedClaim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE)),
-        page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
-        page_of(provenance=report.Provenance(HOSTILE, 0, {HOSTILE: HOSTILE})),
+        page_of(settings={HOSTILE: [report.Fact(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]}),
+        page_of(command=(HOSTILE,), seed=0),
     ],
 )
 def test_text_from_outside_never_becomes_an_element(page: report.Page) -> None:
@@ -157,6 +158,53 @@ def test_a_claim_that_points_nowhere_is_refused() -> None:
         page_of(report.Claims([claim]))  # its evidence is not on the page
 
 
+def test_a_section_shows_what_is_there_and_its_numbers_stand_in_the_json_all_the_same() -> None:
+    """Figures are drawn for the page alone; the lead takes them out of their section."""
+    drawings: list[str] = []
+
+    def draw(name: str) -> report.Figure | None:
+        drawings.append(name)
+        return (
+            report.Figure(f"figure-{name}", '<svg viewBox="0 0 1 1"></svg>', name) if name != "no" else None
+        )
+
+    one, gone, other = (partial(draw, name) for name in ("one", "no", "other"))
+    table = report.Table.of(
+        [report.Column("mass", "kg", of=lambda m: m), report.Column("twice", of=lambda m: 2 * m)],
+        [1, 2],
+        id="masses",
+    )
+    page = page_of(
+        head={"version": 1},
+        sections=(
+            report.Section("Shown", (table, one, gone), "shown", numbers={"masses": np.array([1.0, np.nan])}),
+            report.Section("Empty", (gone, None), "empty", numbers={"none": []}),
+            report.Section("First", (other,), "first"),
+        ),
+        lead=("other", "unknown"),
+    )
+    assert page.numbers == {"version": 1, "masses": [1.0, None], "none": []}
+    assert drawings == []
+    html = page.html()
+    assert sorted(drawings) == ["no", "no", "one", "other"]
+    assert re.findall(r'<section id="(\w+)"', html) == ["summary", "shown", "again"]
+    assert '<td class="number">2</td><td class="number">4</td>' in html
+    assert html.index('id="figure-other"') < html.index('id="summary"') < html.index('id="figure-one"')
+
+
+def test_a_number_has_one_text_in_every_medium() -> None:
+    """Name, number and unit: as `number` writes them, degrees without a space, what is missing as a dash."""
+    texts = {
+        report.Fact("overshoot", -3.2e-7, "rad").text: "overshoot −3.2·10⁻⁷ rad",
+        report.Fact("step", 30.0, "°").text: "step 30°",
+        report.Fact("limit", None).text: "limit –",
+        report.Fact("settling time", "not settled").text: "settling time not settled",
+    }
+    assert [*texts] == [*texts.values()]
+    assert "−3.2·10⁻⁷" in page_of(facts=(report.Fact("overshoot", -3.2e-7, "rad"),)).html()
+    assert "−3.2·10⁻⁷" in report.Settings({"": [report.Fact("overshoot", -3.2e-7, "rad")]}).html()
+
+
 def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_html: str) -> None:
     dark = page_html[page_html.index("prefers-color-scheme: dark") :]
     drawn = "".join(re.findall(r"<svg.*?</svg>", page_html, re.DOTALL))
@@ -172,9 +220,7 @@ def test_the_status_is_a_badge_at_the_top_and_a_sentence_in_the_summary() -> Non
         report.Badge("not met", "3 of 19 requirements of this design are not met."),
         report.Badge("risky", "Rᵛ was not varied."),
     )
-    html = report.Page(
-        "t", "a", "v", (), report.Settings({}), report.Provenance("x", None, {}), status=lines
-    ).html()
+    html = report.Page("t", "a", "v", (), status=lines).html()
     top, summary = html[html.index("<header") :].split('id="summary"')
     assert top.index('class="verdict"') < top.index("not met</span>") < top.index("risky</span>")
     assert top.count("not met</span>") == 1

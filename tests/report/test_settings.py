@@ -10,7 +10,7 @@ from flexhinf import report
 
 def test_every_setting_is_listed_with_value_unit_and_source() -> None:
     html = report.Settings(
-        {"Arm": [report.Setting("mass", 1.0, "kg", "Table 1"), report.Setting("limit", None)]}
+        {"Arm": [report.Fact("mass", 1.0, "kg", "Table 1"), report.Fact("limit", None)]}
     ).html()
     assert '<td>1 <span class="unit">kg</span></td><td>Table 1</td>' in html
     assert "<td>–</td>" in html

@@ -11,7 +11,7 @@ import pytest
 from flexhinf import load_robot, paper_arm
 from flexhinf.campaign import FunctionDraw, Sample, Tolerances, Variable
 from flexhinf.campaign.samples import SampleColumns, UniformColumns
-from flexhinf.design.deployed_run import ERROR, RobotSamples
+from flexhinf.designs.deployed_run import ERROR, RobotSamples
 from flexhinf.robot import Parameter, Robot, signals
 from flexhinf.robot.arm import Arm
 

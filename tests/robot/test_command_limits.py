@@ -16,10 +16,10 @@ from tests.builders import joint_text
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.judgement import limit_requirements, saturation_requirement
-from flexhinf.design.monte_carlo import RunMetrics, changes_reduction
-from flexhinf.design.plans import plan_commands, quintic_move, stated_move
-from flexhinf.design.responses import CLAMPED, Response, joint_limits
+from flexhinf.designs.judge import limit_requirements, measured, saturation_requirement
+from flexhinf.designs.monte_carlo import RunMetrics, changes_reduction
+from flexhinf.designs.plans import plan_commands, quintic_move, stated_move
+from flexhinf.designs.responses import CLAMPED, Response, joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.export.feedforward import export_feedforward
 from flexhinf.loop import Instant, JerkLimited
@@ -131,7 +131,7 @@ def test_a_campaign_at_a_pose_requires_them_and_computes_what_a_run_is_judged_by
     expected = [np.abs(rows).max(axis=0) for rows in command_changes(inputs, PERIOD)]
     for kind, rows in zip(("rate", "acceleration"), expected):
         assert found[kind][0] == pytest.approx(rows, rel=1e-12)
-    use = limits.acceleration_use(response(inputs)).share
+    use = measured("input_acceleration", limits, [response(inputs)]).share
     assert use == pytest.approx(expected[1][1] / 30.0)
 
 

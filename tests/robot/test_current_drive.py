@@ -89,3 +89,5 @@ def test_what_does_not_say_what_the_input_is_is_refused():
             ElasticJoint(100.0, 0.1, **stated)
     with refused_with(InvalidInput, "inductance", "0.001 H"):
         ElasticJoint(100.0, 0.1, torque_constant=1.0, inductance=1e-3)
+    with refused_with(InvalidInput, "inductance", "0.001 H"):  # a torque has no coil either
+        ElasticJoint(100.0, 0.1, inductance=1e-3)

@@ -11,8 +11,8 @@ from tests.builders import joint_text
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.plans import drive_torques, holding_shares, quintic_move, true_robot
-from flexhinf.design.responses import joint_limits
+from flexhinf.designs.plans import drive_torques, holding_shares, quintic_move, true_robot
+from flexhinf.designs.responses import joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.plant.joints import elastic_joints, standstill_function

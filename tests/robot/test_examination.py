@@ -13,7 +13,7 @@ from tests.refusals import refused_with, unnamed
 from flexhinf import load_robot
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import catalogue
-from flexhinf.robot.drive_text import LOOPS
+from flexhinf.robot.drives import DRIVES
 from flexhinf.robot.estimates import LOST, SPEED, estimated_joints
 from flexhinf.robot.examination import examine_robot, joint_facts
 from flexhinf.robot.init_file import description_of, robot_file_text
@@ -44,7 +44,7 @@ def written(folder: Path, *parts: str) -> Path:
     return path
 
 
-def begun(path: Path, drive: str = "") -> Path:
+def begun(path: Path, drive: str = "torque") -> Path:
     """The robot file that `flexhinf init` writes for a description."""
     out = path.with_name("begun.toml")
     found = description_of(path)
@@ -252,7 +252,7 @@ def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) 
     assert result.robot is not None
     assert result.robot.drive == drive
     assert {finding.severity for finding in result.findings} == {"doubt", "note"}
-    assert all(fact.weight < fact.effort for fact in result.joints) or drive in LOOPS
+    assert all(fact.weight < fact.effort for fact in result.joints) or DRIVES[drive].inner
     assert all(np.isfinite(result.robot.effort_limits))
     for bandwidth in (result.robot[name] for name in result.robot.nominal if "bandwidth" in name):
         # 30 % slower is what benchmarks take for slow drives.
@@ -288,7 +288,7 @@ def test_the_limit_of_a_command_is_no_torque(tmp_path: Path) -> None:
     assert all("joint1" not in finding.place.split(", ") for finding in examine_robot(path).findings)
 
 
-@pytest.mark.parametrize("drive", sorted(LOOPS))
+@pytest.mark.parametrize("drive", sorted(name for name, kind in DRIVES.items() if kind.inner))
 def test_the_torque_of_a_file_is_that_of_the_motor_within_its_drive(tmp_path: Path, drive: str) -> None:
     path = written(tmp_path, link("upper"), joint("shoulder", "base", "upper"))
     result = examine_robot(begun(path, drive))

@@ -10,11 +10,11 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.design_file import read_request
-from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.own_sensors import measuring, with_own_sensors
-from flexhinf.design.responses import joint_limits
-from flexhinf.design.specification import SpecificationError
+from flexhinf.designs.loop_setup import LoopPlants
+from flexhinf.designs.own_sensors import measuring, with_own_sensors
+from flexhinf.designs.request import read_request
+from flexhinf.designs.responses import joint_limits
+from flexhinf.designs.specification import SpecificationError
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.joint_sensors import JointSensor
 

@@ -153,7 +153,9 @@ def test_a_design_with_what_mujoco_cannot_do_is_refused_before_any_work():
 
     for extras in (("inductance",), ("coulomb_friction", "stribeck_friction")):
         with pytest.raises(InvalidInput, match=f"MuJoCo.*'{extras[-1]}':"):
-            fh.design(load_robot("seven-link"), fh.Specification(mujoco=True, extras=extras), work)
+            fh.design(
+                load_robot("seven-link"), fh.Specification(pose="home", mujoco=True, extras=extras), work
+            )
 
 
 def test_a_state_that_does_not_fit_is_refused():

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
-from flexhinf.design.deployed_run import RobotSamples
+from flexhinf.designs.deployed_run import RobotSamples
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.robot import Parameter, Robot, load_robot, paper_arm
 from flexhinf.robot.elastic import DRY
 from flexhinf.robot.parameters import parameter_units
-from flexhinf.robot.signals import SENSORS, expanded
+from flexhinf.robot.signals import expanded
 
 
 def test_draws_stay_in_their_intervals_and_fill_them():

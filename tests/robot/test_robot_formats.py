@@ -48,7 +48,7 @@ def test_a_package_reads_its_own_format(plug_in: Path) -> None:
 
 
 def test_design_takes_such_a_file(plug_in: Path) -> None:
-    from flexhinf.design import read_request
+    from flexhinf.designs import read_request
 
     (plug_in / "my.arm").write_text("paper 30.5")
     assert read_request(plug_in / "my.arm", None, {"pose": "10deg"}).robot.nominal["stiffness"] == 30.5

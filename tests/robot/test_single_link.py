@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant.instruments import SENSORS
 from flexhinf.robot import paper_arm
-from flexhinf.robot.signals import SENSORS
 
 RNG = np.random.default_rng(11)
 

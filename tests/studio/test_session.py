@@ -14,8 +14,8 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design import read_request
-from flexhinf.design.specification import FIELDS
+from flexhinf.designs import read_request
+from flexhinf.designs.specification import FIELDS
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.studio.controls import (
     CONTROLS,

@@ -8,8 +8,8 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.plans import stated_backlash
-from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.designs.plans import stated_backlash
+from flexhinf.designs.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Backlash
 from flexhinf.loop.controller.backlash import engaged

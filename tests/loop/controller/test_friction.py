@@ -8,13 +8,12 @@ from scipy.integrate import solve_ivp
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.plans import stated_dry_friction
+from flexhinf.designs.plans import stated_dry_friction
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import DryFriction
 from flexhinf.loop.controller.friction import friction_input
 from flexhinf.plant import Parameters
 from flexhinf.robot import Parameter
-from flexhinf.robot.elastic import torque_per_input
 
 FORCE, SMOOTHING, TIME, GOAL = 2.0, 0.02, 2.0, 1.0
 ARM = fh.paper_arm().with_parameters(
@@ -107,7 +106,7 @@ def test_a_joint_without_a_static_friction_keeps_its_own_at_low_speeds() -> None
         Parameter("static_friction_shoulder", 1.5), Parameter("stribeck_velocity_shoulder", 0.2)
     )
     p = arm.plant_parameters()
-    gain = torque_per_input(arm.drive, Parameters(p))
+    gain = arm.drive_kind.torque_per_input(Parameters(p))
     np.testing.assert_array_equal(p["static_friction"], [1.5, arm.nominal["coulomb_friction_elbow"]])
     friction = stated_dry_friction(arm)
     assert friction is not None

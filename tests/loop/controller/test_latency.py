@@ -15,7 +15,7 @@ from tests.interpreter import interpret
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.design.specification import Specification
+from flexhinf.designs.specification import Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import (
     ConstantGainFilter,
