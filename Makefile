@@ -141,7 +141,8 @@ bench-workspace: environment-dev
 bench-compared: environment-dev
 	$(PY) -m benchmarks.compared
 
-# Designs of a commit (COMMIT=…) beside those of the present tree, number by number; ten minutes.
+# Designs, C and help of a commit (COMMIT=…) beside those of the present tree, number by number; ten minutes. The exit code
+# is 1 where a law or a verdict changed, or a number that has no reason in benchmarks/frozen/reasons.py.
 bench-frozen: environment-dev
 	$(PY) -m benchmarks.frozen $(COMMIT)
 

@@ -43,7 +43,7 @@ def driven(robot: Any, motion: Any, path: Path, seed: int) -> None:
 def judged(design: Any, robot: Any) -> str:
     """What the step of a design's controller misses on a robot, judged as `flexhinf run --mujoco` judges it."""
     import flexhinf as fh
-    from flexhinf.design.deployed_run import prepare_run
+    from flexhinf.designs.deployed_run import prepare_run
 
     own = design.robot, design.specification
     run = prepare_run(design.controller(), own, robot, design.specification)

@@ -27,19 +27,19 @@ class Step(NamedTuple):
 
 FOLLOWED = {
     "--bandwidth": (
-        Step("design/specification.py", "Specification.bandwidth", "unit, range, help", "bandwidth"),
-        Step("design/problem/presets.py", "_searched", "required of each joint"),
-        Step("design/problem/weights.py", "search", "weights that reach it", "target.bandwidth"),
-        Step("design/pipeline.py", "_requirements", "required, and reached"),
-        Step("design/requirements/loop_margins.py", "bandwidth_requirement", "met, or not", "Requirement"),
+        Step("designs/specification.py", "Specification.bandwidth", "unit, range, help", "bandwidth"),
+        Step("designs/problem/presets.py", "_searched", "required of each joint"),
+        Step("designs/problem/weights.py", "search", "weights that reach it", "target.bandwidth"),
+        Step("designs/about_pose.py", "_requirements", "required, and reached"),
+        Step("designs/judge.py", "bandwidth_requirement", "met, or not", "Requirement"),
         Step("pages/page.py", "requirement_table", "a line of the page"),
     ),
     "a tolerance": (
         Step("robot/robot.py", "Robot.corner", "an end of its range"),
         Step("robot/robot.py", "Robot.random_corners", "robots at corners"),
-        Step("design/workspace/samples.py", "corner_moves", "a move of each"),
-        Step("design/workspace/design.py", "judged_design", "all of these runs"),
-        Step("design/workspace/judgement.py", "move_requirements", "the worst, judged", "Requirement"),
+        Step("designs/workspace/samples.py", "corner_moves", "a move of each"),
+        Step("designs/workspace/design.py", "judged_design", "all of these runs"),
+        Step("designs/judge.py", "worst_move_requirements", "the worst, judged", "Requirement"),
         Step("pages/page.py", "requirement_table", "a line of the page"),
     ),
     "γ": (
@@ -48,7 +48,7 @@ FOLLOWED = {
         Step("modal/pair.py", "pair_gains", "gains over λ"),
         Step("modal/law.py", "_kept_gains", "the same for equal arms"),
         Step("modal/law.py", "ModalLaw.tuned", "the law of an arm"),
-        Step("design/workspace/search.py", "_candidates", "a law that is tried"),
+        Step("designs/workspace/search.py", "_candidates", "a law that is tried"),
     ),
     "a measurement": (
         Step("loop/simulation/program.py", "Channel.quantised", "in steps of the sensor"),

@@ -58,13 +58,15 @@ def commands(group: Any = None, path: str = "flexhinf") -> dict[str, dict[str, A
 def options() -> str:
     """Every option: those of a specification with the commands that take them, then the others by command, each
     explained once."""
-    from flexhinf.design.specification import FIELDS
+    from flexhinf.designs.specification import FIELDS
     from flexhinf.options import GROUPS
 
     every, lines, seen = commands(), [], set()
     for group in GROUPS:
         rows = [_row(field, every) for field in FIELDS.values() if field.about.group == group]
-        lines += _table(group, "| option | meaning | allowed | default | not of |", rows) if rows else []
+        lines += (
+            _table(group, "| option | meaning | allowed | default | read by | not of |", rows) if rows else []
+        )
     for command, declared in every.items():
         rows = [
             _row(field)
@@ -86,9 +88,9 @@ def _table(title: str, head: str, rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def _row(field: Any, every: dict[str, dict[str, Any]] | None = None) -> tuple[str, ...]:
-    """Option, help, range and default of a field; of a specification what does not read it: designs for a workspace,
-    and commands."""
-    from flexhinf.design.specification import OF_WORKSPACE
+    """Option, help, range and default of a field; of a specification the designs that read it, and the commands that do
+    not."""
+    from flexhinf.designs.fields import readers
 
     about, default = field.about, field.default
     said = about.default or (
@@ -99,9 +101,13 @@ def _row(field: Any, every: dict[str, dict[str, Any]] | None = None) -> tuple[st
     row = (f"`{field.option.partition('/')[0]}`", about.help, f"{allowed}{unit}".strip(), said)
     if every is None:
         return row
-    without = ["workspace"] if field.name not in OF_WORKSPACE else []
-    without += [name for name in ("compare", "certify") if field.name not in every[f"flexhinf {name}"]]
-    return (*row, ", ".join(without))
+    tasks = {"pose": "a pose", "workspace": "a workspace"}
+    kinds = readers().get(field.name)
+    read = [tasks[field.name]] if field.name in tasks else ["every design"]
+    if kinds is not None:
+        read = [f"`{kind.name}`" for kind in kinds] or ["a pose"]
+    without = [name for name in ("compare", "certify") if field.name not in every[f"flexhinf {name}"]]
+    return (*row, " or ".join(read), ", ".join(without))
 
 
 def _text(value: object) -> str:
@@ -287,7 +293,7 @@ def presets() -> str:
     """The designs of the paper's arm by each preset, at 90° and 180°."""
     import flexhinf as fh
     from flexhinf.analysis import ToleranceBox
-    from flexhinf.design import Specification, design
+    from flexhinf.designs import Specification, design
 
     head = (
         "goal, preset", "smallest damping: law, running loop", "peak sensitivity, gain margin, delay margin",
@@ -304,28 +310,31 @@ def presets() -> str:
             "rays": 0, "compare_rigid": False,
         }  # fmt: skip
         found = design(robot, Specification(**fields)).evidence
-        m, corners, samples = (
-            found.evaluation.metrics,
-            found.evaluation.corners,
-            found.evaluation.step_samples,
+        e = found.evaluation
+        m, corners, samples, step, deflection = (
+            e.margins,
+            e.corners,
+            e.step_samples,
+            e.step,
+            e.load_response.deflection.value,
         )
         assert corners is not None
         assert samples is not None
-        loop = found.evaluation.loop
+        loop = e.loop
         edge = ToleranceBox.of(loop, robot.corner, robot.uncertain).edge(loop)[0]
         other = max(int(swept.unstable) for swept in corners.swept)
-        load = float(np.max(np.abs(found.evaluation.load_response.load)))
+        load = float(np.max(np.abs(e.load_response.load)))
         missed = [line.what for line in found.requirements if not line.met]
         cells = (
             f"{goal}°, {preset}",
-            f"{min(mode.damping for mode in found.law_modes if mode.damping < 1.0):.2f}, {m['damping']:.3f}",
-            f"{m['peak_sensitivity']:.2f}, {m['gain_margin']:.2f}, {1e3 * m['delay_margin_s']:.0f} ms",
+            f"{min(mode.damping for mode in found.law_modes if mode.damping < 1.0):.2f}, {m.damping:.3f}",
+            f"{m.peak_sensitivity:.2f}, {m.gain_margin:.2f}, {1e3 * m.delay_margin_s:.0f} ms",
             f"{edge:.2f}",
-            f"{1e3 * m['input_noise']:.0f} mV",
+            f"{1e3 * e.input_noise:.0f} mV",
             f"{corners.unstable}, at most {other} of {corners.count}",
-            f"{m['step_overshoot_percent']:.1f} %, {m['step_settling_s']:.2f} s, {m['step_peak_input']:.1f} V",
+            f"{step.overshoot.value:.1f} %, {step.settling.value:.2f} s, {step.peak.value:.1f} V",
             f"{_finite(samples.overshoot.max(), '%')}, {samples.unsettled} of {len(samples)}",
-            f"{1e3 * m['load_deviation'] / load:.0f} mrad per N·m",
+            f"{1e3 * deflection / load:.0f} mrad per N·m",
             ", ".join(dict.fromkeys(missed)) or "none",
             "–" if found.synthesis.proved is None else f"{found.synthesis.proved.gamma:.0f}",
         )
@@ -336,49 +345,6 @@ def presets() -> str:
 
 def _finite(value: float, unit: str, digits: int = 1) -> str:
     return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "none"
-
-
-def laws() -> str:
-    """The comparison of laws for the paper's arm at 90°: verdict, limits, and a row for each law, the best first."""
-    import flexhinf as fh
-    from flexhinf.design import Specification, compare
-    from flexhinf.pages import comparison_verdict
-
-    fields: dict[str, Any] = {
-        "pose": "90deg", "start": 0.0, "preset": "robust", "extras": ("inductance",), "peak_effort": 60.0, "draws": 50,
-    }  # fmt: skip
-    found = compare(fh.paper_arm(), Specification(**fields), progress=lambda text: print(text, flush=True))
-    head = (
-        "law: what it measures", "criterion", "load of {:.1f} N·m: largest, remaining deviation",
-        "step: peak input, overshoot, settling", "move: largest error, worst of {} robots",
-        "peak sensitivity, gain margin, delay margin", "noise at the motor", "unstable corners, of {}",
-    )  # fmt: skip
-    corners = found.own.evaluation.corners
-    counts = iter((float(np.abs(found.scenario.load).max()), len(found.scenario.robots), corners.count))
-    titles = [title.format(next(counts)) if "{" in title else title for title in head]
-    lines = ["| " + " | ".join(titles) + " |", "|---" * len(head) + "|"]
-    for row in sorted(found.compared, key=lambda row: (bool(row.tuned.missed), row.tuned.cost)):
-        m = row.evaluation.metrics
-        cells = (
-            f"`{row.name}`: {', '.join(row.tuned.sensors).replace('_', ' ')}",
-            f"{row.tuned.cost:.2f}" if not row.tuned.missed else f"({row.tuned.cost:.2f})",
-            f"{1e3 * m['load_deviation']:.0f}, {1e3 * m['load_remaining']:.2g} mrad",
-            f"{m['step_peak_input']:.0f} V, {m['step_overshoot_percent']:.0f} %, {m['step_settling_s']:.2f} s",
-            f"{1e3 * m['move_error']:.1f}, {1e3 * m['drawn_worst_move_error']:.0f} mrad",
-            f"{m['peak_sensitivity']:.1f}, {m['gain_margin']:.1f}, {1e3 * m['delay_margin_s']:.0f} ms",
-            f"{1e3 * m['input_noise']:.0f} mV",
-            f"{m['unstable_corners']:.0f}",
-        )
-        lines.append("| " + " | ".join(cells) + " |")
-    limits = "\n".join(f"- {limit.text}" for limit in found.criterion.limits)
-    return "\n\n".join(
-        [
-            f"**{comparison_verdict(found)}**",
-            "The limits are these; a criterion in brackets is of a law that misses one:",
-            limits,
-            "\n".join(lines),
-        ]
-    )
 
 
 # Pictures -------------------------------------------------------------------------------------------
@@ -541,7 +507,6 @@ SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "step": ("docs/design.md", readme_figure("step")),
     "refusal": ("docs/design.md", refusal),
     "presets": ("docs/weights.md", presets),
-    "laws": ("docs/comparison_study.md", laws),
     "circle": ("docs/identify.md", study("circle")),
     "augmentation": ("docs/augmentation.md", study("augmentation")),
     "promises": ("docs/promises.md", promises),

@@ -129,7 +129,7 @@ def animated(robot: Any, ours: np.ndarray, theirs: np.ndarray, goal: Any) -> str
 def moves() -> tuple[str, str]:
     """The drawing (SVG) of some moves between random goals of two links, and the text of all moves and poses."""
     import flexhinf as fh
-    from flexhinf.design.plans import SPEED, UNLIMITED
+    from flexhinf.designs.plans import SPEED, UNLIMITED
     from flexhinf.pages.workspace_summary import worst_motion
     from flexhinf.report import INK, SERIES, figure_to_svg, label, legend, new_figure
 

@@ -24,7 +24,7 @@ from typer.main import get_command
 import flexhinf.paper
 from flexhinf.cli import main
 from flexhinf.cli.commands import app
-from flexhinf.design.specification import FIELDS
+from flexhinf.designs.specification import FIELDS
 from flexhinf.errors import FlexhinfError
 from fuzz.tally import Tally
 
@@ -79,6 +79,8 @@ COMMANDS = (
 )  # fmt: skip
 
 QUICK = (
+    "--pose",
+    "home",
     "--degrees",
     "2",
     "--set",
@@ -110,9 +112,9 @@ WHOLE_WORDS = (
 
 #: What is replaced by a stop.
 WORK = (
-    (import_module("flexhinf.design"), "design_with"), (flexhinf, "compare"), (flexhinf.paper, "reproduce"),
-    (import_module("flexhinf.design.certification"), "certify_design"),
-    (import_module("flexhinf.design.workspace.proof"), "prove_workspace"),
+    (import_module("flexhinf.designs"), "design_with"), (flexhinf, "compare"), (flexhinf.paper, "reproduce"),
+    (import_module("flexhinf.designs.certification"), "certify_design"),
+    (import_module("flexhinf.designs.workspace.proof"), "prove_workspace"),
     (flexhinf, "filter_log"), (flexhinf, "identify"),
 )  # fmt: skip
 
@@ -190,7 +192,7 @@ def _options(rng: np.random.Generator, count: int, declared: list[Any] | None = 
     for _ in range(count):
         field = fields[rng.integers(len(fields))]
         others = (
-            "--out", "--elastic", "--laws", "--tune", "--payload", "--pose-xyz", "--goal", "--tool", "--set",
+            "--out", "--elastic", "--laws", "--gains", "--payload", "--pose-xyz", "--goal", "--tool", "--set",
             "--unknown", "--peak-effort", "-x", "--decay", "--observer", "--degree", "--threads", "--check",
         )  # fmt: skip
         option = field.option.split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]

@@ -177,7 +177,7 @@ def _page(name: str, folder: Path) -> str:
             for block in (
                 report.Paragraph(text), report.Note(text), report.Bullets((text,)), report.Listing(text),
                 report.Table((report.Column(text, text), "b"), [[text, 1.0]], caption=text, stacks=True),
-                report.Settings({text: [report.Setting(text, text, text, text)]}),
+                report.Settings({text: [report.Fact(text, text, text, text)]}),
                 report.Provenance(text, 0, {text: text}),
                 report.Claims([report.JudgedClaim("a", text, "holds", text)]),
             )

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design import Specification
-from flexhinf.design.design_file import DesignRequest, read_request, tool_of, with_joints
-from flexhinf.design.loop_setup import sensor_steps
-from flexhinf.design.plans import stated_move
-from flexhinf.design.responses import integral_dead_zone, joint_limits
+from flexhinf.designs import Specification
+from flexhinf.designs.design_file import tool_of
+from flexhinf.designs.loop_setup import sensor_steps
+from flexhinf.designs.plans import stated_move
+from flexhinf.designs.request import DesignRequest, read_request, with_joints
+from flexhinf.designs.responses import integral_dead_zone, joint_limits
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, load_robot
@@ -353,7 +354,10 @@ def _quantity(random: RandomText, folder: Path) -> str:
         for k, (_, unit) in enumerate(parts)
     )
     try:
-        request = read_request(_file(folder), settings={field: [value] if field == "via" else value})
+        stated = {"pose": "0.1,0.1"} if field in ("start", "via") else {}
+        request = read_request(
+            _file(folder), settings={**stated, field: [value] if field == "via" else value}
+        )
     except FlexhinfError:
         if fits and all(one is not None and 0.0 < one < 1e30 for one in expected):
             return f"{field}={value!r} was refused"

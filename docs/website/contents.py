@@ -16,7 +16,6 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
             "Design",
             "compare",
             "Comparison",
-            "WorkspaceComparison",
             "load_design",
         ),
     ),
