@@ -65,7 +65,7 @@ def test_counts_are_those_of_the_repository(repository: Path) -> None:
 #: Parts of several designs; those of one are computed in `make ci`.
 IN_NIGHTLY = {
     "presets": "designs the arm eight times",
-    "circle": "identifies and designs twice", "step": "designs two links, and a rigid one",
+    "circle": "identifies and designs twice", "step": "designs two links",
     "moves": "designs two links", "augmentation": "simulates every choice of noise",
 }  # fmt: skip
 #: Pictures whose commands run as they are printed in tests/docs/test_commands.py, or take long.
