@@ -51,7 +51,7 @@ def designs() -> dict[str, Any]:
     arm = fh.load_robot("paper")
     options: dict[str, Any] = {"pose": "90deg", "start": 0.0, "bandwidth": BANDWIDTH, "draws": 0, "rays": 0}
     return {
-        name: fh.design(arm, fh.Specification(measured=measured, compare_rigid=False, **options))
+        name: fh.design(arm, fh.Specification(measured=measured, **options))
         for name, measured in SENSORS.items()
     }
 

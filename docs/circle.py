@@ -19,7 +19,6 @@ REQUIRED: dict[str, Any] = {
     "bandwidth": 5.5,
     "draws": 0,
     "rays": 0,
-    "compare_rigid": False,
 }
 
 #: Standard deviation of the link's encoder, rad; runs of the robot by RK4, steps per sample.

@@ -307,7 +307,7 @@ def presets() -> str:
     for goal, preset in itertools.product((90, 180), ("paper", "damped", "robust", "proved")):
         fields: dict[str, Any] = {
             "pose": f"{goal}deg", "start": 0.0, "preset": preset, "extras": ("inductance",), "peak_effort": 60.0,
-            "rays": 0, "compare_rigid": False,
+            "rays": 0,
         }  # fmt: skip
         found = design(robot, Specification(**fields)).evidence
         e = found.evaluation

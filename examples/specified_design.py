@@ -13,7 +13,7 @@ import flexhinf as fh
 # The paper's arm with the tolerances of its tables, and the motor's coil in the true plant.
 specification = fh.Specification(
     pose="90deg", start="0", preset="robust", bandwidth=3.0, damping=0.2, peak_effort=60.0, extras=("inductance",),
-    draws=10, degrees=(2, 4), rays=100, compare_rigid=False,
+    draws=10, degrees=(2, 4), rays=100,
 )  # fmt: skip
 found = fh.design(fh.paper_arm(), specification)
 print(found.evidence.status.line)

@@ -87,8 +87,6 @@ QUICK = (
     "rays=0",
     "--draws",
     "0",
-    "--set",
-    "compare_rigid=no",
     "--estimator",
     "none",
     "--duration",

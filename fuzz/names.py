@@ -233,7 +233,7 @@ def _report(name: str, folder: Path) -> str:
     path = folder / "arm.toml"
     content = ROBOT.format(robot='"arm"', joint=json.dumps(name, ensure_ascii=False), text='"arm"')
     path.write_text(content.replace('"other"', "'[red]$'"), encoding="utf-8")
-    fields = {"pose": (0.2, 0.1), "degrees": (2,), "rays": 0, "draws": 2, "compare_rigid": False}
+    fields = {"pose": (0.2, 0.1), "degrees": (2,), "rays": 0, "draws": 2}
     found = fh.design(fh.load_robot(path), fh.Specification(**fields))
     found.save(folder / "whole")
     console = Console(width=200, file=io.StringIO())

@@ -367,7 +367,7 @@ TERMS = {
     "found",  # the second part of every error, and a key of result files
     "met", "not_met", "NOT_MET", "run_met",  # the status of a requirement
     # The faces of a cube; the link side and the motor side of a spring, and both sides of an interval.
-    "Face", "_face", "_on_face", "face", "faces", "subdivide_face", "FEEDBACK_SIDES", "_side", "side",
+    "Face", "_face", "_on_face", "face", "faces", "subdivide_face", "_side", "side",
     # What a zero-order hold holds, and the input that holds a load against gravity.
     "HELD", "HOLD", "ZeroOrderHold", "_held", "_hold", "first_order_hold", "held", "hold", "hold_command",
     "hold_inputs",

@@ -109,7 +109,6 @@ def test_a_design_shows_its_step() -> None:
         "draws": 0,
         "rays": 0,
         "proof_seconds": 0,
-        "compare_rigid": False,
         "estimator": "none",
     }
     html = fh.design(

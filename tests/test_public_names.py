@@ -145,7 +145,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "draws": 0,
         "rays": 0,
         "proof_seconds": 0,
-        "compare_rigid": False,
     }
     wanted = fh.Specification(pose="10deg", start="0", estimator="none", **quick)
     return {

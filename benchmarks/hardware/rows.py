@@ -36,7 +36,7 @@ def measure(task: dict[str, Any]) -> dict[str, Any]:
     if "payload" in task:
         return _workspace(task)
     robot = fh.load_robot(task["robot"], elastic=task["elastic"] or None)
-    options = {"rays": 0, "compare_rigid": False, "draws": SAMPLES, **task["options"]}
+    options = {"rays": 0, "draws": SAMPLES, **task["options"]}
     begin = time.process_time()
     design = fh.design(robot, Specification(pose=robot.home, **options), _said)
     return {"seconds": time.process_time() - begin, **_loop(design.evidence, np.array(robot.effort_limits))}

@@ -108,7 +108,7 @@ class OnePose(Product):
     def designed(self) -> tuple[fh.Controller, dict[str, Any]]:
         """A design at home."""
         home = tuple(self.arm.home.tolist())
-        asked = self.specification(pose=home, draws=0, rays=0, compare_rigid=False)
+        asked = self.specification(pose=home, draws=0, rays=0)
         found = fh.design(self.arm.robot, asked)
         missed = [line.what for line in found.requirements if line.met is False]
         return found.loop.setup.controller(self.arm.home, moving=True), {"missed": missed}

@@ -122,7 +122,7 @@ def test_the_exit_code_says_whether_something_moved_without_a_reason(
 
 
 def test_another_gamma_is_found_in_law_gamma_gains_and_report(tmp_path: Path) -> None:
-    quick = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0, "compare_rigid": False}
+    quick = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0}
     stated = {"pose": "10deg", "start": "0", "estimator": "none", **quick}
     one, again, other = (
         tree.read_design(tree.Case("paper", {**stated, "gamma_ratio": ratio}), tmp_path / folder)

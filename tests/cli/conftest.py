@@ -33,8 +33,8 @@ duration = 0.5
 requirements = []
 """
 
-#: Options of a design of one pose that is made soon: without a region, other robots and the rigid design.
-QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0", "--set", "compare_rigid=no"]
+#: Options of a design of one pose that is made soon: without a region and other robots.
+QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0"]
 
 
 @pytest.fixture

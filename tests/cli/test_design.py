@@ -34,8 +34,6 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
         "180deg",
         "--set",
         "rays=40",
-        "--set",
-        "compare_rigid=no",
         "--draws",
         "0",
         "--verbose",
@@ -47,7 +45,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert re.search(r"linear +used", shown.out)
     assert "--set rays" not in shown.err  # no note: what is sampled was stated
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
-    again = "flexhinf design paper --pose 180deg --draws 0 --degrees 2,4 --set rays=40 --set compare_rigid=no"
+    again = "flexhinf design paper --pose 180deg --draws 0 --degrees 2,4 --set rays=40"
     assert again in text_of(folder)
     main(["design", "vertical-rig", "--pose", "home", "--preset", "paper", "--estimator", "none", *QUICK])
     assert "vertical-rig" in text_of(folder)
@@ -141,7 +139,7 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         "robot": "planar-two-link", "pose": [0.4, 0.6], "law": "nl-hinf",
         "bandwidth": [3.141592653589793, 3.0], "damping": 0.25, "peak_effort": 24.0,
         "via": [[0.35, 0.55]], "load": 0.1, "unknown_delay": 1e-3, "quantisation": 1e-5,
-        "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
+        "estimator": "none", "degrees": [2], "rays": 0, "draws": 0,
     }  # fmt: skip
     for again in ("--via 0.35,0.55", "--bandwidth 0.5Hz,3 --damping 0.25 --peak-effort 24"):
         assert again in text_of(folder)

@@ -76,7 +76,7 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
 ) -> None:
     (folder / "mine.toml").write_text(
         "[design]\nrobot = 'vertical-rig'\npose = 'home'\nbandwidth = 4.0\ndegrees = [2]\nrays = 0\ndraws = 0\n"
-        "duration = 3.0\nestimator = 'none'\ncompare_rigid = false\nsaturation = 50.0\n"
+        "duration = 3.0\nestimator = 'none'\nfeedforward = false\nsaturation = 50.0\n"
         "[found]\ngamma = 'nonsense'\nmet = 3\n",
         encoding="utf-8",
     )  # fmt: skip
@@ -91,7 +91,7 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
             "--saturation",
             "0",
             "--set",
-            "compare_rigid=yes",
+            "feedforward=yes",
         ]
     )
     design = file_of(folder / "flexhinf-design")["design"]
@@ -100,7 +100,7 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
         "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
     }  # fmt: skip
     page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
-    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --set compare_rigid=yes"
+    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --set feedforward=yes"
     assert again in page
     capsys.readouterr()
     main(["design", "mine.toml", "--set", "penalty=link_position=40,link_position_integral=80"])

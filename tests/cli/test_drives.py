@@ -68,11 +68,9 @@ def done(words: list[str], *codes: int) -> None:
 def test_a_design_of_one_pose_goes_everywhere(
     servo: tuple[str, str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The rigid design beside it too; a proof is refused for the number of states or made, never left half."""
+    """A proof is refused for the number of states or made, never left half."""
     drive, robot, loop = servo
-    quick = [word for word in QUICK if word != "compare_rigid=no"]
-    quick = quick[:-1] if quick[-1] == "--set" else quick
-    done(["design", robot, *loop, "--pose", "0.6", *quick, "--out", "one"])
+    done(["design", robot, *loop, "--pose", "0.6", *QUICK, "--out", "one"])
     design = tomllib.loads((folder / "one" / "design.toml").read_text())
     assert design["design"]["robot"] == f"../{robot}"
     done(

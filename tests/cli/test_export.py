@@ -411,7 +411,7 @@ def test_a_design_file_alone_is_designed_first(arm: str, tmp_path: Path) -> None
     (tmp_path / "arm.toml").write_text(f"gravity = 0.0\n{arm}")
     (tmp_path / "design.toml").write_text(
         '[design]\nrobot = "arm.toml"\npose = "home"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
-        "torque_noise = 1e-5\ncompare_rigid = false\n"
+        "torque_noise = 1e-5\n"
     )
     out = tmp_path / "c"
     words = [

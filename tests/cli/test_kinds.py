@@ -21,7 +21,7 @@ from flexhinf.cli import main
 DESIGNS: dict[str, list[str]] = {
     "modal over a workspace": ["--workspace", "0:0.1"],
     "modal at a pose": ["--law", "modal", "--pose", "home"],
-    "nl-hinf at a pose": ["--pose", "home", "--degrees", "2", "--set", "rays=0", "--set", "compare_rigid=no"],
+    "nl-hinf at a pose": ["--pose", "home", "--degrees", "2", "--set", "rays=0"],
     "lqg at a pose": ["--law", "lqg", "--pose", "home"],
     "pd at a pose": ["--law", "pd", "--pose", "home"],
     "lqg over a workspace": ["--law", "lqg", "--workspace", "0:0.1"],

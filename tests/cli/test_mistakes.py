@@ -247,7 +247,7 @@ def test_the_peaks_of_earlier_versions_have_one_name(
     ("text", "what"),
     [
         ("rays", "expected a name and a value"), ("ray=5", "--set rays=5"), ("draws=5", "--draws 5"),
-        ("compare_rigid=maybe", "--set compare_rigid=no"), ("", "expected a name and a value"),
+        ("feedforward=maybe", "--set feedforward=no"), ("", "expected a name and a value"),
     ],
 )  # fmt: skip
 def test_a_setting_that_is_none_is_told(

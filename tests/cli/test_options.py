@@ -273,7 +273,7 @@ def test_what_would_be_ignored_is_refused(
     (folder / "arm.toml").write_text(arm, encoding="utf-8")
     (folder / "design.toml").write_text(
         "[design]\nrobot = 'paper'\npose = '5deg'\nstart = '0'\nrays = 0\ndraws = 0\n"
-        "degrees = [2]\nestimator = 'ekf'\nproof_seconds = 0\ncompare_rigid = false\npreset = 'paper'\n",
+        "degrees = [2]\nestimator = 'ekf'\nproof_seconds = 0\npreset = 'paper'\n",
         encoding="utf-8",
     )
     told = refused(words.split(), option, folder)

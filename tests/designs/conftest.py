@@ -39,7 +39,7 @@ def at_a_pose(robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]
     """A whole design of the paper's arm, two corners and no searches, and the stages that it told of."""
     s = Specification(
         pose="30deg", start="0", estimator="ekf", measured="link_position,motor_position", torque_noise=1e-7,
-        degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False,
+        degrees="2", draws=0, rays=0, proof_seconds=0,
     )  # fmt: skip
     told: list[str] = []
     return SimpleNamespace(

@@ -20,7 +20,7 @@ def made() -> PoseEvidence:
     """About 90°, torques at link and motor as disturbances, a step that starts inside the region."""
     asked = Specification(
         pose=[np.pi / 2], start=[np.pi / 2 - 0.3], preset="damped", disturbances=TORQUES, degrees=(4,), rays=500,
-        draws=0, compare_rigid=False, saturation=40.0, unknown_delay=1e-3,
+        draws=0, saturation=40.0, unknown_delay=1e-3,
     )  # fmt: skip
     return design(fh.paper_arm(), asked).evidence
 
@@ -67,7 +67,7 @@ def test_nothing_is_searched_without_a_region_or_with_many_states() -> None:
     assert searches_disturbance(5, 500)
     assert not searches_disturbance(5, 0)
     assert not searches_disturbance(35, 50)
-    asked = Specification(pose="home", preset="damped", degrees=(2,), rays=0, draws=0, compare_rigid=False)
+    asked = Specification(pose="home", preset="damped", degrees=(2,), rays=0, draws=0)
     found = design(fh.load_robot("quanser-rotflex"), asked).evidence.attenuation
     assert found.attained is None
     assert [row.name for row in found.budget] == ["sampling", "delay", "estimator"]

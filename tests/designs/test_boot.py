@@ -107,7 +107,7 @@ def test_the_exported_c_follows_a_shaped_step_as_it_was_judged(tmp_path: Path) -
         rough,
         Specification(
             pose="40deg", start="0", shaping="quintic", degrees=(2,), draws=0, proof_seconds=0.0, rays=0,
-            compare_rigid=False, torque_noise=1e-7,
+            torque_noise=1e-7,
         ),
     )  # fmt: skip
     controller, setup = made.controller(), replace(made.loop.setup, quiet=True)

@@ -208,7 +208,6 @@ def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
         damping=0.4,
         degrees=(2,),
         draws=0,
-        compare_rigid=False,
     )
     found = fh.design(ARM, asked).evidence
     box = found.proof.box

@@ -63,7 +63,6 @@ OTHERS: dict[str, Any] = {
     "rays": 0,
     "duration": 5.0,
     "seed": 2**40,
-    "compare_rigid": False,
     "proof_seconds": 2.5,
     "mujoco": True,
 }

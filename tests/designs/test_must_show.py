@@ -149,7 +149,6 @@ def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
         start=(0.0,),
         extras=COIL,
         peak_effort=60.0,
-        compare_rigid=False,
     )
     result = design(robot_of("paper"), s).evidence
     assert result.met
@@ -256,7 +255,7 @@ def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerance
     pytest.importorskip("mujoco")
     s = Specification(
         pose="home", preset=preset, bandwidth=5.0, damping=0.2, peak_effort=24.0, start=(-0.4, 1.2), rays=0, draws=200,
-        degrees=(4,), mujoco=True, compare_rigid=False,
+        degrees=(4,), mujoco=True,
     )  # fmt: skip
     check(design(robot_of("planar-two-link"), s).evidence, 5.0, 24.0, 200)
 
@@ -284,7 +283,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
     pytest.importorskip("mujoco")
     s = Specification(
         preset=preset, bandwidth=8.0, damping=0.15, peak_effort=120.0, start=(0.3, 0.3, -0.25, -1.0, 0.25, 0.7, 0.25),
-        rays=0, draws=200, degrees=(2,), mujoco=True, compare_rigid=False,
+        rays=0, draws=200, degrees=(2,), mujoco=True,
     )  # fmt: skip
     result = design(robot_of("seven-link"), s).evidence
     # The law damps every oscillation as required. The error of the estimator, which measures links alone, would ring at
@@ -301,7 +300,6 @@ def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> Non
     """The law of degree 3 is not made for half a turn: it overshoots by 4.5 % (degree 5: 0.1 %), and is judged so."""
     s = Specification(
         preset="damped", pose=(np.pi,), start=(0.0,), overshoot=3.0, degrees=(4,), rays=400, draws=0,
-        compare_rigid=False,
     )  # fmt: skip
     result = design(robot_of("paper"), s).evidence
     assert result.inside is False

@@ -127,7 +127,7 @@ def test_a_specification_cannot_be_changed_but_replaced() -> None:
         ("preset='damped'", "--preset damped"),
         ("a larger `peak_effort`, or start=(0.1, 0.2)", "a larger --peak-effort, or --start 0.1,0.2"),
         ("measured=('motor_position',)", "--measured motor_position"),
-        ("compare_rigid=False", "--set compare_rigid=no"),
+        ("feedforward=False", "--set feedforward=no"),
         ("robot.seed=3 stays", "robot.seed=3 stays"),
         ("leave 'pd' out of `laws`", "leave 'pd' out of --laws"),
     ],

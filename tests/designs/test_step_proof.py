@@ -78,7 +78,7 @@ def test_everything_that_is_shown_of_a_design_agrees(
 ) -> None:
     asked = Specification(
         pose=(np.pi,), start=(start,), penalty=fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0)), effort=10.0,
-        degrees=(degree,), proof_seconds=seconds, draws=0, compare_rigid=False,
+        degrees=(degree,), proof_seconds=seconds, draws=0,
     )  # fmt: skip
     made = fh.design(fh.paper_arm(), asked)
     found = made.evidence

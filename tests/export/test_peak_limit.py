@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.designs.responses import joint_limits
 
-QUICK = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0, "compare_rigid": False}
+QUICK = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0}
 
 
 @pytest.fixture(scope="module")

@@ -47,7 +47,7 @@ def control() -> fh.Controller:
     arm = fh.paper_arm()
     specification = fh.Specification(
         pose=0.8, start=0.0, preset="damped", degrees=(4,), draws=0, rays=0, proof_seconds=0.0,
-        compare_rigid=False, saturation=LIMIT,
+        saturation=LIMIT,
     )  # fmt: skip
     return fh.design(arm, specification).controller()
 

@@ -18,9 +18,7 @@ import flexhinf as fh
 
 NAMES = ("stiffness", "friction", "motor_inertia")
 
-REQUIRED = fh.Specification(
-    pose="90deg", start=0.0, bandwidth=5.5, degrees=(2,), draws=0, rays=0, compare_rigid=False
-)
+REQUIRED = fh.Specification(pose="90deg", start=0.0, bandwidth=5.5, degrees=(2,), draws=0, rays=0)
 
 
 def numbers_of(path):

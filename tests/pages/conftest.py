@@ -30,7 +30,7 @@ def report_design(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]
 ) -> Callable[[str], PoseEvidence]:
     """By what is special about it."""
-    half_turn = {"pose": "90deg", "start": "0", "draws": 16, "degrees": (2, 4), "compare_rigid": True}
+    half_turn = {"pose": "90deg", "start": "0", "draws": 16, "degrees": (2, 4)}
     noise = {"torque_noise": 1e-5}
     cases: dict[str, tuple[str, tuple[str, ...], dict[str, Any]]] = {
         "met": (
@@ -43,7 +43,7 @@ def report_design(
         ),
         "robust": (
             "paper", ("stiffness", "friction"),
-            {**noise, "preset": "robust", "rays": 0, "degrees": (2,), "draws": 2, "compare_rigid": False},
+            {**noise, "preset": "robust", "rays": 0, "degrees": (2,), "draws": 2},
         ),
         "cart": (
             "cart", ("stiffness_belt", "stiffness_arm"),
@@ -54,7 +54,7 @@ def report_design(
         ),
         "true state": (
             "quanser-rotflex", (),
-            {"estimator": "none", "degrees": (2,), "rays": 20, "draws": 0, "compare_rigid": False},
+            {"estimator": "none", "degrees": (2,), "rays": 20, "draws": 0},
         ),
     }  # fmt: skip
     made: dict[str, PoseEvidence] = {}

@@ -46,7 +46,7 @@ from flexhinf.report import Cell, Column, Page, with_figures
 Make = Callable[[str], PoseEvidence]
 ORDER = [
     "specification", "step", "draws", "load", "ring-down", "move", "margins", "modes", "corners", "weights", "noise",
-    "region", "rigid", "law", "files",
+    "region", "law", "files",
 ]  # fmt: skip
 
 
@@ -106,7 +106,6 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
         "figure-result",
         "figure-step", "figure-arm", "figure-draws", "figure-spread", "figure-load", "figure-ringing", "figure-move",
         "figure-bode", "figure-sensitivity", "figure-nyquist", "figure-estimate", "figure-poles", "figure-search",
-        "figure-rigid",
     ]  # fmt: skip
 
 
@@ -196,7 +195,7 @@ def test_commands_that_are_named_exist(report_design: Make) -> None:
 @pytest.mark.ci("draws a whole page")
 def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
     page = page_of(report_design("true state"))
-    assert not {"draws", "rigid", "noise", "corners", "files"} & {section.id for section in page.sections}
+    assert not {"draws", "noise", "corners", "files"} & {section.id for section in page.sections}
     assert "figure-estimate" not in page.html()
     assert "figure-arm" not in page.html()  # its link has no length
 

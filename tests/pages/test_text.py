@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import pytest
 from rich.console import Console
-from tests.refusals import unnamed
 
 from flexhinf.designs import Comparison, PoseEvidence
 from flexhinf.designs.result import judged_by
@@ -61,8 +60,6 @@ def test_the_requirements_come_first(report_design: Make) -> None:
     assert "mainly" not in text  # there is one joint
     first = verdict(design).partition(".")[0]
     assert design.status.line.startswith(first)
-    assert design.rigid is not None
-    assert unnamed(verdict(design), "rigid", *(f"{loop.side} side" for loop in design.rigid.loops)) == []
 
 
 @pytest.mark.ci("designs of three laws")

@@ -214,7 +214,7 @@ def test_the_numbers_are_those_of_the_design(session: Session) -> None:
     session.save("design.toml")
     request = read_request(session.folder.root / "design.toml")
     robot, s = request.robot, request.specification
-    result = fh.design(robot, replace(s, proof_seconds=0.0, compare_rigid=False))
+    result = fh.design(robot, replace(s, proof_seconds=0.0))
     assert isinstance(nominal, Nominal)
     assert isinstance(band, Band)
     assert isinstance(linear, LinearParts)

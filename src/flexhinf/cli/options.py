@@ -57,7 +57,7 @@ load_extensions()  # whose requirements and laws have options too
 ALL = tuple(FIELDS)
 
 #: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
-NOT_CERTIFIED = ("workspace", "angle_unit", "load", "rays", "compare_rigid", "mujoco")
+NOT_CERTIFIED = ("workspace", "angle_unit", "load", "rays", "mujoco")
 LIMITS = [kind for kind in REQUIREMENTS.values() if kind.info is not None]
 JUDGING = [kind.field for kind in LIMITS if not kind.searched]
 CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in (*NOT_CERTIFIED, *JUDGING))

@@ -16,14 +16,10 @@ from flexhinf.designs.pose_loop import LoopAtPose
 from flexhinf.designs.problem import presets
 from flexhinf.designs.problem.weights import TargetBehaviour
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
-from flexhinf.designs.rigid import RigidComparison, compare_rigid
 from flexhinf.designs.specification import Specification
 from flexhinf.designs.status import status_of
 from flexhinf.designs.synthesis import steps
 from flexhinf.robot import Robot, mujoco
-
-#: Largest number of states for which the rigid law has the design's degree; with more it has degree 2.
-RIGID_STATES = 15
 
 #: The runs that are judged.
 STEP, MUJOCO = "the step, nominal robot", "the step on MuJoCo's plant"
@@ -46,16 +42,12 @@ def pose_evidence(robot: Robot, s: Specification, progress: Callable[[str], None
     # before a second thread starts: warning filters belong to the whole process
     evaluation.compute_margins()
 
-    def runs() -> RigidComparison | None:
+    def runs() -> None:
         evaluation.make_runs()
         evaluation.sample_robots()
-        if not s.compare_rigid:
-            return None
-        degree = synthesis.chosen.degree if len(synthesis.problem.state_names) <= RIGID_STATES else 2
-        return compare_rigid(evaluation, synthesis.problem, degree)
 
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which releases the other thread
-        on_rigid = beside.submit(runs)
+        future = beside.submit(runs)
         progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.compute_corners()
         progress("the worst disturbance, and the dissipation budget of the step")
@@ -65,7 +57,7 @@ def pose_evidence(robot: Robot, s: Specification, progress: Callable[[str], None
             progress("the step on MuJoCo's plant")
             on_mujoco = setup.step(duration, plant=setup.mujoco_plant(setup.goal))
         progress("load, move and sampled robots")
-        same_on_rigid = on_rigid.result()
+        future.result()
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, evaluation.runs)
     lines = _requirements(s, evaluation, synthesis, on_mujoco, limit_cycle, payloads)
@@ -86,7 +78,6 @@ def pose_evidence(robot: Robot, s: Specification, progress: Callable[[str], None
         inside=inside,
         proof=proof,
         mujoco=on_mujoco,
-        rigid=same_on_rigid,
         limit_cycle=limit_cycle,
         payloads=payloads,
         law_modes=law_modes,

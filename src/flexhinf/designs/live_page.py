@@ -54,7 +54,7 @@ def export_web(design: Design, path: str | os.PathLike[str]) -> Path:
     --------
     >>> import flexhinf as fh
     >>> import tempfile
-    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0)
     >>> wanted = fh.Specification(pose="10deg", start="0", estimator="none", **quick)
     >>> found = fh.design(fh.load_robot("paper"), wanted)  # doctest: +SKIP
     >>> with tempfile.TemporaryDirectory() as folder:  # doctest: +SKIP

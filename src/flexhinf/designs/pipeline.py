@@ -58,7 +58,7 @@ def design(
     Examples
     --------
     >>> import flexhinf as fh
-    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0)
     >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
     >>> arm.evidence.gamma > arm.evidence.gamma_star
     True

@@ -16,7 +16,6 @@ from flexhinf.designs.motions import Jump
 from flexhinf.designs.pose_loop import LoopAtPose
 from flexhinf.designs.problem import presets
 from flexhinf.designs.requirements import Requirement
-from flexhinf.designs.rigid import RigidComparison
 from flexhinf.designs.specification import Specification
 from flexhinf.designs.status import StatusEntries, in_brackets
 from flexhinf.designs.synthesis import by_step, steps
@@ -41,7 +40,6 @@ class PoseEvidence(Judged, Summarised):
     inside: bool | None
     proof: certification.DesignProof  # Proof of the law that is used, and of the step
     mujoco: responses.Response | None  # The step on MuJoCo's plant, if requested
-    rigid: RigidComparison | None  # The rigid design on the same robot, fed the true state
     # The long run at rest with dry friction; None for a robot that states none
     limit_cycle: checks.LimitCycleCheck | None
     # The runs with payloads at the ends of their ranges; none for a robot without such a range

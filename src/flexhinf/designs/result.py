@@ -81,7 +81,7 @@ class Design(Judged, Reported):
     Examples
     --------
     >>> import flexhinf as fh
-    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False, estimator="none")
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, estimator="none")
     >>> found = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", **quick))
     >>> found.margins().stable, found.campaign(3).sizes["sample"]
     (True, 3)

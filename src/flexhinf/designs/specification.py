@@ -325,8 +325,6 @@ class Specification:
         zero="the default", default="by the slowest mode")
     seed: options.Seed = option(0, ADVANCED,
         "Seed of noise, sampled robots, directions, and poses and moves in the workspace.", "0")
-    compare_rigid: options.Flag = setting(True, SEARCH,
-        "Whether a controller for the rigid model is designed too, and run on the elastic robot.")
     mujoco: options.Flag = option(False, SEARCH,
         "Whether the step is run in MuJoCo too (needs flexhinf[mujoco]).")
     # fmt: on

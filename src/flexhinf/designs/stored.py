@@ -108,7 +108,7 @@ def load_design(folder: str | Path) -> Design:
     --------
     >>> import flexhinf as fh
     >>> import tempfile
-    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False, estimator="none")
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, estimator="none")
     >>> found = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", **quick))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     same = fh.load_design(found.save(f"{folder}/arm"))

@@ -193,7 +193,6 @@ PARTS = {
     "weights": Part("Weights", weights.weights, group="Law and proof"),
     "noise": Part("Noise levels of the estimator", weights.noise_levels),
     "region": Part("Region: proved, sampled, dissipation", region.region),
-    "rigid": Part("Rigid design on the same robot", law.rigid),
     "law": Part("The law", law.law),
 }
 
@@ -281,9 +280,6 @@ def verdict(design: PoseEvidence) -> str:
     parts = [status.line, scope_text(design), _headline(design)]
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(e.step, design.mujoco, units_of(e))}.")
-    if design.rigid is not None:
-        loops = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
-        parts.append(f"The rigid design on the same robot: {'; '.join(loops)}.")
     return " ".join(filter(None, parts))
 
 

@@ -98,7 +98,7 @@ def test_a_small_motor_is_no_reaction_wheel() -> None:
     in the small step its wrist went 35 times its way into the other direction; here without its dry friction."""
     robot = fh.load_robot("scara")
     robot = robot.with_values({name: 0.0 for name in robot.nominal if name.startswith("coulomb_friction")})
-    quick = Specification(pose="home", degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
+    quick = Specification(pose="home", degrees="2", draws=0, rays=0, proof_seconds=0)
     scara = fh.design(robot, quick).evidence
     assert scara.evaluation.margins.stable
     assert max(row["wrong_way_percent"] for row in scara.evaluation.step_motion) < 0.01

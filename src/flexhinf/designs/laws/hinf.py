@@ -8,7 +8,7 @@ from flexhinf.designs.laws.kinds import NL_HINF, LawKind, register
 OF_PROBLEM = (
     "via", "feedforward", "preset", "bandwidth", "penalty", "effort", "gamma_ratio",
     "checked_gamma_ratio", "checked_penalty", "degrees", "disturbances", "command", "friction_model", "load", "rays",
-    "proof_seconds", "compare_rigid", "mujoco",
+    "proof_seconds", "mujoco",
 )  # fmt: skip
 
 register(

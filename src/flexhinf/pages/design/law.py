@@ -1,34 +1,28 @@
-"""The law: its poles, equilibrium at the goal and linear part; and the rigid design on the same robot."""
+"""The law: its poles, equilibrium at the goal and linear part."""
 
 # Not checked strictly: parts of Matplotlib have no types.
 # pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from flexhinf.designs.evaluation import LawEvaluation
 from flexhinf.designs.pose_evidence import PoseEvidence
-from flexhinf.designs.responses import Response
-from flexhinf.designs.rigid import RigidLoop
 from flexhinf.designs.specification import RINGS
 from flexhinf.numerals import count_text, number
-from flexhinf.pages.design.step import spring_torques, stiffness_of
+from flexhinf.pages.design.step import stiffness_of
 from flexhinf.pages.drawing import (
     DOTTED,
     Blocks,
     Line,
     Panel,
     draw_figure,
-    framed,
     in_joint,
     joint_table,
     note,
     range_text,
-    rounded,
-    thin,
     units_of,
 )
 from flexhinf.report import MUTED, SERIES, Column, Figure, LineStyle, Listing, Paragraph, Table, finite
@@ -43,9 +37,6 @@ ROOM = 1.8
 
 #: With more joints than these a terminal lists vibrations only.
 MANY = 3
-
-#: A panel shows so many steps on either side of the goal: a loop that diverges would hide the others.
-AXIS_STEPS = 2.5
 
 
 # Poles --------------------------------------------------------------------------------------------------
@@ -151,14 +142,6 @@ def poles(design: PoseEvidence) -> Blocks:
             for (name, modes), look in zip(_modes(design).items(), looks)
         ),
         *([("running loop (sampled, estimator, delay)", poles, looks[-1])] if len(poles) else []),
-        *(
-            (
-                f"rigid law, {loop.side} side",
-                [m.eigenvalue for m in loop.modes],
-                {"marker": mark, "color": SERIES[3], "markerfacecolor": "none"},
-            )
-            for loop, mark in zip(design.rigid.loops if design.rigid else (), "sD")
-        ),
     ]
     yield from (
         lambda: poles_figure(
@@ -219,13 +202,6 @@ def vibration_damping(modes: Sequence[Mode]) -> list[float]:
 def law(design: PoseEvidence) -> Blocks:
     """The law in words, with its linear gain and the equilibrium about which it acts."""
     solution, problem, via = design.solution, design.problem, design.specification.via
-    if design.specification.compare_rigid and design.rigid is None:
-        why = (
-            "of a robot with rigid joints of its own it says nothing new"
-            if design.robot.rigid
-            else "a penalty that is code cannot be applied to a rigid robot"
-        )
-        yield note(f"No rigid design was made: {why}.")
     poses = f" The same was done at {count_text(len(via), 'pose')} on the way."
     channels = (
         " The channels of the tolerances enter in proportion to γ; the listing below keeps them as they are at this "
@@ -278,118 +254,4 @@ def law(design: PoseEvidence) -> Blocks:
             "table-gain",
         ),
         Listing(solution.report()),
-    )
-
-
-# The rigid design: what neglecting the springs would have done ------------------------------------------
-def rigid(design: PoseEvidence) -> Blocks:
-    """The rigid design: text, table and figure; nothing if there is none."""
-    if design.rigid is None:
-        return
-    loops, estimator = design.rigid.loops, design.specification.estimator != "none"
-    yield Paragraph(
-        "The same weights, γ/γ* and degree on a model with infinitely stiff springs, and that law on the elastic "
-        "robot, where it gets the true position and velocity of one side of the springs without noise, more than it "
-        f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
-    )
-    verdict = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
-    fed = "estimator" if estimator else "true state"
-    rows: list[Sequence[object]] = []
-    for *texts, modes, response in [
-        ("this law", fed, verdict, design.law_modes, design.evaluation.step),
-        *(
-            ("rigid", f"{loop.side} side, true values", loop_text(loop), loop.modes, loop.response)
-            for loop in loops
-        ),
-    ]:
-        metrics: list[float | None] = (
-            [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
-            if all(mode.stable for mode in modes)
-            else [None, None]
-        )
-        end = response.diverged_at
-        run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
-        rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
-    yield Table(
-        (
-            "law",
-            "fed from",
-            "linearised, true state",
-            Column("smallest damping ratio of a vibration"),
-            Column("largest overshoot", "%", 1),
-            Column("settling time", "s", 3),
-            "run",
-        ),
-        rows,
-        "",
-        "table-rigid",
-        stacks=True,
-    )
-    yield lambda: _rigid_figure(
-        design.evaluation,
-        [
-            (f"this law{', with its estimator' if estimator else ''}", design.evaluation.step),
-            *((f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops),
-        ],
-    )
-
-
-def loop_text(loop: RigidLoop) -> str:
-    """Outcome of the rigid law in words, fed from the link or the motor side."""
-    damping = vibration_damping(loop.modes)
-    if not loop.stable:
-        worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        time_constant = worst.time_constant
-        grows = (
-            "does not decay"
-            if time_constant is None
-            else f"grows with a time constant of {time_constant:.2g} s"
-        )
-        return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
-    if damping and min(damping) < RINGS:
-        return f"stable, but rings (damping ratio {min(damping):.2g})"
-    return "stable" + (f", damping ratio of vibrations {range_text(damping, 2)}" if damping else "")
-
-
-def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Figure:
-    units, goal = units_of(e), e.setup.goal
-    halves = (response.positions[len(response.positions) // 2 :] for _, response in runs[1:])
-    joint = int(
-        np.argmax(sum(np.nan_to_num(np.abs(half - goal), nan=1e9, posinf=1e9).max(axis=0) for half in halves))
-    )
-    name = e.setup.joints[joint]
-    scale = units.factor_of(units.scale, name)
-    step = scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
-    end, panels = float(e.step.run.time[-1]), list[Panel]()
-    signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (
-        (
-            "link position − goal",
-            units.of(units.angle, name),
-            lambda run: scale * (run.positions[:, joint] - goal[joint]),
-        ),
-        ("spring torque", units.of(units.spring, name), lambda run: spring_torques(e, run)[:, joint]),
-        ("input", units.of(units.effort, name), lambda run: run.inputs[:, joint]),
-    )
-    for quantity, unit, signal in signals:
-        lines = [
-            Line(
-                run.run.time[few],
-                signal(run)[few],
-                name,
-                {"color": color, "linewidth": 1.4, "zorder": 3.0 - 0.1 * k},
-            )
-            for k, (name, run, few, color) in enumerate(
-                (name, run, thin(run.run.time), color) for (name, run), color in zip(runs, SERIES)
-            )
-        ]
-        # where our law stays: a rigid law that diverges would hide it
-        y = framed(lines[0].y, 0.75) if panels else (-AXIS_STEPS * step, AXIS_STEPS * step)
-        panels.append(Panel(quantity, unit, lines, () if panels else (0.0,), y=y, x=(0.0, end)))
-    where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
-    return draw_figure(
-        "rigid",
-        panels,
-        f"The same step with the rigid design{where}. Lines that leave the panels go on.",
-        "Rigid design",
-        6.6,
     )

@@ -262,14 +262,6 @@ def _facts(design: PoseEvidence) -> dict[str, Any]:
             "diverged_at_s": limit_cycle.response.diverged_at,
             "joints": long_run_rows(limit_cycle),
         },
-        "rigid": [
-            {
-                **_picked(loop, "side stable"),
-                "modes": [_picked(mode, MODE) for mode in loop.modes],
-                **_picked(loop.response, RUN),
-            }
-            for loop in (design.rigid.loops if design.rigid else ())
-        ],
         "noise_variances": design.setup.noise_variances,
         "initial_variance": None if estimator is None else np.diag(estimator.initial.covariance),
     }
