@@ -37,11 +37,9 @@ import flexhinf as fh  # noqa: E402
 from benchmarks.workspace.robots import ROBOTS  # noqa: E402
 from benchmarks.workspace.trip import NOISE  # noqa: E402
 from flexhinf.designs.judge import (  # noqa: E402
-    worst_move_requirements,
-)
-from flexhinf.designs.judge_loops import (  # noqa: E402
     corner_requirements,
     pose_requirements,
+    worst_move_requirements,
 )
 from flexhinf.designs.requirements import REQUIREMENTS  # noqa: E402
 from flexhinf.designs.requirements.requirement import TOLERANCE  # noqa: E402
@@ -167,7 +165,7 @@ def judged(setup: WorkspaceSetup, poses: np.ndarray, moves: int) -> dict[str, An
         loops = [setup.at_pose(pose, TOLERANCE) for pose in poses]
         corners = setup.true.robot.random_corners(len(poses), POSES_SEED)
         lines = [
-            *pose_requirements(s, loops, pose_limits(s)[0], gain_limit(s), "random poses"),
+            *pose_requirements(s, loops, pose_limits(s)[0], gain_limit(s)),
             *corner_requirements(
                 s, [setup.at_corner(pose, own) for pose, own in zip(poses, corners)], corner_damping(s)
             ),

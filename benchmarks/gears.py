@@ -33,8 +33,7 @@ import numpy as np  # noqa: E402
 import flexhinf as fh  # noqa: E402
 from benchmarks.drives import keep, kept_in  # noqa: E402
 from benchmarks.workspace.robots import ROBOTS  # noqa: E402
-from flexhinf.designs.judge import worst_move_requirements  # noqa: E402
-from flexhinf.designs.judge_loops import pose_requirements  # noqa: E402
+from flexhinf.designs.judge import pose_requirements, worst_move_requirements  # noqa: E402
 from flexhinf.designs.requirements import REQUIREMENTS  # noqa: E402
 from flexhinf.designs.requirements.requirement import TOLERANCE  # noqa: E402
 from flexhinf.designs.task import Task  # noqa: E402

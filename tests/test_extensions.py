@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
 
-from flexhinf.designs import judge_loops
+from flexhinf.designs import judge
 from flexhinf.designs.requirements import REQUIREMENTS, Motion, RequirementKind, register
 from flexhinf.designs.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
@@ -329,14 +329,14 @@ def test_a_lower_limit_on_loops_is_judged_at_the_worst(monkeypatch: pytest.Monke
         default=2.0,
         of_loop=lambda loop: cast("Any", loop.linear),
     )
-    monkeypatch.setattr(judge_loops, "on_loops", lambda: (kind,))
+    monkeypatch.setattr(judge, "on_loops", lambda: (kind,))
     loops: Any = [3.0, 1.0, 2.0]
-    (line,) = judge_loops.loop_requirements(Specification(), lambda: loops, "three poses")
+    (line,) = judge.loop_requirements(Specification(), lambda: loops, "three poses")
     assert (line.found, line.limit, line.missed, line.where) == (1.0, 2.0, True, "three poses")
     assert kind.judge(None, 2.0, -np.inf, "").achieved_text == "diverges"
     assert kind.judge(None, 2.0, np.inf, "").achieved_text == "unlimited"
-    monkeypatch.setattr(judge_loops, "on_loops", lambda: (replace(kind, default=None),))
-    assert judge_loops.loop_requirements(Specification(), lambda: pytest.fail("unneeded")) == []
+    monkeypatch.setattr(judge, "on_loops", lambda: (replace(kind, default=None),))
+    assert judge.loop_requirements(Specification(), lambda: pytest.fail("unneeded")) == []
 
 
 def test_a_kind_that_nothing_measures_is_refused() -> None:

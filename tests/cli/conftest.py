@@ -33,7 +33,7 @@ duration = 0.5
 requirements = []
 """
 
-#: Options of a design of one pose that is made soon: without a region, other robots and the rigid design.
+#: Options of a design of one pose that is made soon: without a region and other robots.
 QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0"]
 
 

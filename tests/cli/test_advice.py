@@ -95,7 +95,7 @@ def test_a_design_says_before_its_minutes_what_an_export_will_ask_for(
         begun[:] = robot, specification
         raise Started
 
-    monkeypatch.setattr(sys.modules["flexhinf.designs"], "evidence_with", started)
+    monkeypatch.setattr(sys.modules["flexhinf.designs"], "design_with", started)
     (folder / "arm.toml").write_text(CURRENT, encoding="utf-8")
     with pytest.raises(Started):
         main(["design", "arm.toml"])

@@ -76,7 +76,7 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
 ) -> None:
     (folder / "mine.toml").write_text(
         "[design]\nrobot = 'vertical-rig'\npose = 'home'\nbandwidth = 4.0\ndegrees = [2]\nrays = 0\ndraws = 0\n"
-        "duration = 3.0\nestimator = 'none'\nsaturation = 50.0\n"
+        "duration = 3.0\nestimator = 'none'\nfeedforward = false\nsaturation = 50.0\n"
         "[found]\ngamma = 'nonsense'\nmet = 3\n",
         encoding="utf-8",
     )  # fmt: skip
@@ -90,6 +90,8 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
             "0",
             "--saturation",
             "0",
+            "--set",
+            "feedforward=yes",
         ]
     )
     design = file_of(folder / "flexhinf-design")["design"]
@@ -98,7 +100,7 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
         "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
     }  # fmt: skip
     page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
-    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0"
+    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --set feedforward=yes"
     assert again in page
     capsys.readouterr()
     main(["design", "mine.toml", "--set", "penalty=link_position=40,link_position_integral=80"])
@@ -150,7 +152,7 @@ def test_the_report_of_another_robot_is_not_replaced_in_silence(
         raise fh.InvalidInput("A design begins.")
 
     if command == "design":
-        monkeypatch.setattr(import_module("flexhinf.designs"), "evidence_with", stop)
+        monkeypatch.setattr(import_module("flexhinf.designs"), "design_with", stop)
     else:
         monkeypatch.setattr(fh, command, stop)
     report.write(folder / "made", {"design.json": json.dumps({"robot": earlier})})

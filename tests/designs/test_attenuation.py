@@ -47,7 +47,7 @@ def test_the_parts_spend_one_after_the_other(made: PoseEvidence) -> None:
 
 
 def test_the_last_row_is_the_step_of_the_report_without_extras(made: PoseEvidence) -> None:
-    setup = made.about
+    setup = made.setup
     loop = setup.loop(setup.controller(setup.start))
     x, u = setup.equilibrium(setup.start)
     run = loop.run(

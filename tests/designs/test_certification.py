@@ -210,8 +210,8 @@ def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
         draws=0,
     )
     found = fh.design(ARM, asked).evidence
-    box = found.certified.box
-    assert box is not None, found.certified.box_reason
+    box = found.proof.box
+    assert box is not None, found.proof.box_reason
     assert box.certificate is not None
     assert box.certificate.step_amplitude == pytest.approx(np.radians(10.0))
     assert box.gamma < 3.0 * fh.smallest_gamma(box.problem)

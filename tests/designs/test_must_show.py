@@ -159,8 +159,8 @@ def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
         "unstable corners",
     }
     assert judged(result.evaluation.step)[0] <= 5.0
-    assert result.samples is not None
-    assert len(result.samples) == 200
+    assert result.evaluation.step_samples is not None
+    assert len(result.evaluation.step_samples) == 200
     assert result.evaluation.corners is not None
     assert result.evaluation.corners.unstable == 0
 
@@ -230,11 +230,11 @@ def check(
         found, effort = judged(response)
         assert found <= overshoot
         assert effort <= peak
-    assert result.samples is not None
-    assert len(result.samples) == count
-    assert result.samples.unsettled == 0
-    assert result.samples.overshoot.max() <= overshoot
-    assert result.samples.peak.max() <= peak
+    assert result.evaluation.step_samples is not None
+    assert len(result.evaluation.step_samples) == count
+    assert result.evaluation.step_samples.unsettled == 0
+    assert result.evaluation.step_samples.overshoot.max() <= overshoot
+    assert result.evaluation.step_samples.peak.max() <= peak
     places = {line.where for line in result.requirements}
     assert any("MuJoCo" in place for place in places)
     assert any(f"{count} robots" in place for place in places)
@@ -300,7 +300,6 @@ def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> Non
     """The law of degree 3 is not made for half a turn: it overshoots by 4.5 % (degree 5: 0.1 %), and is judged so."""
     s = Specification(
         preset="damped", pose=(np.pi,), start=(0.0,), overshoot=3.0, degrees=(4,), rays=400, draws=0,
-
     )  # fmt: skip
     result = design(robot_of("paper"), s).evidence
     assert result.inside is False

@@ -107,7 +107,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     design = cast(
         PoseEvidence,
         SimpleNamespace(
-            payloads=(far,), evaluation=evaluation, about=setup, robot=setup.robot, requirements=rows[far],
+            payloads=(far,), evaluation=evaluation, setup=setup, robot=setup.robot, requirements=rows[far],
             specification=setup.specification,
         ),
     )  # fmt: skip

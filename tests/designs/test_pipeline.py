@@ -75,7 +75,7 @@ def test_both_estimators_end_where_the_true_state_does(two: PoseEvidence) -> Non
     smooth = {name: 0.0 for name in two.robot.nominal if name.startswith("coulomb_friction")}
     for estimator in ("ukf", "ekf", "none"):
         s = dataclasses.replace(two.specification, estimator=estimator)
-        setup = dataclasses.replace(two.about, robot=two.robot.with_values(smooth), specification=s)
+        setup = dataclasses.replace(two.setup, robot=two.robot.with_values(smooth), specification=s)
         steps.append(setup.step(two.scenario.step_duration).metrics)
     for m, other, exact in zip(*steps):
         assert m["overshoot_percent"] == pytest.approx(other["overshoot_percent"], abs=0.5)
@@ -95,7 +95,7 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: PoseE
         return two.solution.law(np.append(away, integrals)) + two.problem.operating_input - held
 
     integrals = fsolve(misfit, np.zeros(2), xtol=1e-12)
-    assert two.about.departure(two.solution) == pytest.approx(np.append(away, integrals), abs=1e-7)
+    assert two.setup.departure(two.solution) == pytest.approx(np.append(away, integrals), abs=1e-7)
     if np.isnan(two.chosen.step_amplitude):  # the command as a disturbance may leave none
         assert two.inside is None
         assert unnamed(verdict(two), "no region") == []
@@ -184,7 +184,7 @@ def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings(seven: 
     assert any("ringing" in note for note in notes(blind))
     s = dataclasses.replace(blind.specification, measured=("motor_position", "joint_torque"))
     levels = EstimatorNoise(all_states=1e-10)
-    setup = dataclasses.replace(blind.about, specification=s, estimator_noise=levels)
+    setup = dataclasses.replace(blind.setup, specification=s, estimator_noise=levels)
     seen = LawEvaluation(setup).estimator_modes
     assert min(mode.damping for mode in seen if mode.vibration) > 0.01
 

@@ -15,20 +15,18 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.cli.messages import error_text
 from flexhinf.designs import Specification
+from flexhinf.designs.about_pose import diverged_requirements
 from flexhinf.designs.judge import (
-    sample_requirements,
-    step_requirements,
-)
-from flexhinf.designs.judge_loops import (
     bandwidth_requirement,
     corner_requirement,
     damping_requirement,
     holding_requirement,
     margin_requirements,
     oscillation_requirements,
+    sample_requirements,
+    step_requirements,
 )
 from flexhinf.designs.monte_carlo import MonteCarlo
-from flexhinf.designs.pose_evidence import diverged_requirements
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
 from flexhinf.designs.requirements.delay_margin import DELAY_MARGIN
 from flexhinf.designs.requirements.gain_margin import GAIN_MARGIN

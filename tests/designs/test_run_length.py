@@ -10,10 +10,10 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.designs import Specification
-from flexhinf.designs.checks import as_far_as_judged
+from flexhinf.designs.checks import as_far_as_judged, judged_when_settled
 from flexhinf.designs.judge import motion_requirements, step_requirements
 from flexhinf.designs.requirements import Requirement
-from flexhinf.designs.responses import LONGEST, Response, joint_limits, motion_metrics, rests, settled_run
+from flexhinf.designs.responses import LONGEST, Response, joint_limits, motion_metrics, rests
 
 S = Specification(saturation=10.0)
 LIMITS = joint_limits(fh.load_robot("paper"), S)
@@ -45,7 +45,7 @@ def test_the_verdict_of_a_design_is_that_of_a_long_run(length: float, settling: 
     def again(length: float) -> Response:
         return run_of(length, settling, swing)
 
-    found = lines_of(settled_run(again(length), again))
+    found = judged_when_settled(lines_of, again(length), "the step", again)
     assert {line.what: line.met for line in found} == {
         line.what: line.met for line in lines_of(again(LONGEST))
     }
@@ -88,4 +88,4 @@ def test_a_run_that_diverged_is_not_made_longer() -> None:
     def again(length: float) -> Response:
         raise AssertionError(length)
 
-    assert any(line.missed for line in lines_of(settled_run(gone, again)))
+    assert any(line.missed for line in judged_when_settled(lines_of, gone, "the step", again))

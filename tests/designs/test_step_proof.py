@@ -86,7 +86,7 @@ def test_everything_that_is_shown_of_a_design_agrees(
     files = design_files(made, ())
     page, numbers = str(files["index.html"]), json.loads(str(files["design.json"]))["facts"]
     assert numbers["proof"]["step_proved"] == proved
-    proof = found.certified.certificate is not None
+    proof = found.proof.certificate is not None
     assert numbers["proof"].get("latency_samples") == (0 if proof else None)
     assert ("latency" in proof_text(found)) == proof
     shown = " ".join([verdict(found), *notes(found)])
@@ -97,4 +97,4 @@ def test_everything_that_is_shown_of_a_design_agrees(
     assert not any(found.step_proof.text.rstrip(".") in note for note in notes(found))
     titles = " ".join(str(table.title) for table in design_tables(found))
     for text in (page, titles):
-        assert ("sampled, not" in text) == (found.certified.certificate is None)
+        assert ("sampled, not" in text) == (found.proof.certificate is None)

@@ -27,7 +27,6 @@ from flexhinf.designs import Design, StoredReport, known_design, numbers_schema,
 QUICK: dict[str, dict[str, Any]] = {
     "pose": {
         "pose": "30deg", "start": "0", "preset": "damped", "degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0.0,
-
     },
     "workspace": {"workspace": ((0.0, 0.5),), "draws": 1},
 }  # fmt: skip

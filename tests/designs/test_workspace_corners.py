@@ -16,20 +16,19 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.designs.judge import (
-    standstill_requirement as run_standstill,
-    worst_move_requirements,
-)
-from flexhinf.designs.judge_loops import (
     corner_requirements,
     pose_requirements,
+    standstill_requirement as run_standstill,
+    worst_move_requirements,
 )
 from flexhinf.designs.plans import quintic_move, settled, shortest_time
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
 from flexhinf.designs.resting import CornerLoop, PoseLoop
 from flexhinf.designs.task import Task
-from flexhinf.designs.workspace import search, setup as setups
+from flexhinf.designs.workspace import search, standstill
 from flexhinf.designs.workspace.resting_loops import DAMPING, GAIN, corner_damping
 from flexhinf.designs.workspace.setup import WorkspaceSetup
+from flexhinf.designs.workspace.standstill import standstill_requirement
 from flexhinf.loop import Loop
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
@@ -150,7 +149,7 @@ def test_products_of_inertia_grow_with_the_moments() -> None:
 
 def test_a_fast_vibration_that_grows_is_a_requirement_that_is_not_met() -> None:
     s, growing = fh.Specification(), {"fast_damping": -0.00027}
-    at_poses = partial(pose_requirements, damping=DAMPING, gain=GAIN, where="random poses")
+    at_poses = partial(pose_requirements, damping=DAMPING, gain=GAIN)
     at_corners = partial(corner_requirements, least=corner_damping(s))
     for judge, loop in ((at_poses, GOOD), (at_corners, CornerLoop(0.98, 0.3, 0.1))):
         missed = [line for line in judge(s, [loop, loop._replace(**growing)]) if line.missed]
@@ -198,7 +197,7 @@ def test_a_law_that_is_faster_than_a_soft_arm_swings_at_rest(monkeypatch: pytest
         setup = search.tuned_setup(robot, s, Task(workspace_of(robot, "limits")))
         goals, _ = setup.goals(5, 7)
         made = [(goals[k : k + 2], None, k) for k in range(4)]
-        found += setup.standstill(made, [setup.move(*one) for one in made])
+        found.append(standstill_requirement(setup, made, [setup.move(*one) for one in made]))
     assert [line.met for line in found] == [False, True]
     assert found[0].found > 1.3 * found[1].found
     assert found[0].limit == pytest.approx(3e-4)
@@ -269,7 +268,7 @@ def test_the_move_that_is_made_again_swings_most_by_its_own_limits(monkeypatch: 
         return moves[1]
 
     monkeypatch.setattr(WorkspaceSetup, "move", move)
-    (line,) = setup.standstill([(ends[:2], None, 0), (ends[1:], None, 1)], cast("Any", moves))
+    line = standstill_requirement(setup, [(ends[:2], None, 0), (ends[1:], None, 1)], cast("Any", moves))
     np.testing.assert_array_equal(again, [ends[1:]])
     assert (line.found, line.limit, line.joint) == (2e-5, pytest.approx(5e-6), "elbow")
 
@@ -340,8 +339,8 @@ def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None
     setup = setup_of("1kg")
     ends, _ = setup.goals(2, 7)
     monkeypatch.setattr(WorkspaceSetup, "noise_spread", lambda *_: np.full((2, 2), np.inf))
-    monkeypatch.setattr(setups, "LONG", 0.1)
-    (line,) = setup.standstill([(ends, None, 0)], [setup.move(ends)])
+    monkeypatch.setattr(standstill, "LONG", 0.1)
+    line = standstill_requirement(setup, [(ends, None, 0)], [setup.move(ends)])
     assert line.limit == pytest.approx(3e-4)
     assert unnamed(line.criterion, "move of 1", "seed", "0.7 mrad") == []
 

@@ -13,8 +13,7 @@ from tests.workspaces import few
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.designs.judge import worst_move_requirements
-from flexhinf.designs.judge_loops import pose_requirements
+from flexhinf.designs.judge import pose_requirements, worst_move_requirements
 from flexhinf.designs.request import checked_specification
 from flexhinf.designs.resting import CornerLoop, PoseLoop
 from flexhinf.designs.task import Task
@@ -200,7 +199,7 @@ def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     assert max(max(l.growth, l.late, l.later, l.louder, l.softer) for l in loops) < 1.0
     assert min(l.damping for l in loops) >= 0.2
     assert max(l.ripple for l in loops) <= 1.5
-    lines = pose_requirements(made.specification, loops, DAMPING, GAIN, "random poses")
+    lines = pose_requirements(made.specification, loops, DAMPING, GAIN)
     assert all(line.met for line in lines)
 
 
@@ -379,7 +378,7 @@ def test_preferences_count_by_the_sensors_not_by_the_noise_levels(monkeypatch, m
 )  # fmt: skip
 def test_requirements_at_poses_are_those_of_the_worst(changes, missed):
     s = setup().specification
-    lines = pose_requirements(s, [GOOD, GOOD._replace(**changes), GOOD], DAMPING, GAIN, "random poses")
+    lines = pose_requirements(s, [GOOD, GOOD._replace(**changes), GOOD], DAMPING, GAIN)
     assert [k for k, line in enumerate(lines) if not line.met] == missed
     assert [line.found for line in lines[:3]] == [float(k in missed) for k in range(3)]
 

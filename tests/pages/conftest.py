@@ -22,7 +22,7 @@ def with_evaluation(design: PoseEvidence, **parts: object) -> PoseEvidence:
     """The same design with other parts of its evaluation."""
     evaluation = dataclasses.replace(design.evaluation)
     vars(evaluation).update({**vars(design.evaluation), **parts})
-    return dataclasses.replace(design, setup=dataclasses.replace(design.setup, evaluation=evaluation))
+    return dataclasses.replace(design, evaluation=evaluation)
 
 
 @pytest.fixture(scope="session")

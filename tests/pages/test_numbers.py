@@ -57,10 +57,10 @@ def test_the_file_has_what_was_found(report_design: Make) -> None:
     assert sum(one["used"] for one in found["estimator_noise"]["tried"]) == 1
     assert whole["loops"][0]["numbers"]["peak_sensitivity"] == e.margins.peak_sensitivity
     assert whole["loops"][0]["numbers"]["gain_margins"] == e.margins.gain_margins[0].tolist()
-    samples = design.samples
+    samples = e.step_samples
     assert samples is not None
     assert found["draws"]["settling_time_s"] == pytest.approx(samples.settling.tolist())
-    held = design.about.equilibrium(design.goal)[1]
+    held = design.setup.equilibrium(design.goal)[1]
     assert found["inputs"]["equilibrium at the goal"] == pytest.approx(abs(held[0]))
     assert found["inputs"]["step, nominal robot"] == np.abs(e.step.inputs).max()
     assert found["budget"] == []  # the step starts outside the region

@@ -18,7 +18,6 @@ from tests.refusals import unnamed
 
 from flexhinf.analysis import Margins
 from flexhinf.designs import PoseEvidence
-from flexhinf.designs.monte_carlo import MonteCarlo
 from flexhinf.designs.problem.weights import Behaviour, SearchResult, TargetBehaviour, WeightCandidate
 from flexhinf.designs.requirements import Requirement
 from flexhinf.designs.responses import Response
@@ -64,13 +63,6 @@ def text_of(design: PoseEvidence, section: str) -> str:
     return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
 
 
-def with_samples(design: PoseEvidence, samples: MonteCarlo) -> PoseEvidence:
-    """The same design with other numbers of its sampled robots."""
-    changed = dataclasses.replace(design)
-    vars(changed)["samples"] = samples
-    return changed
-
-
 def test_tiles_say_of_which_robots_a_number_is_and_how_many_have_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -89,10 +81,10 @@ def test_tiles_say_of_which_robots_a_number_is_and_how_many_have_none(
     step = SimpleNamespace(settling=worst, overshoot=worst, peak_input=6.0, peak=worst)
     evaluation = SimpleNamespace(
         setup=SimpleNamespace(joints=("joint",)), step=step, margins=SimpleNamespace(stable=False),
+        step_samples=Samples(),
     )  # fmt: skip
     design: Any = SimpleNamespace(
         evaluation=evaluation,
-        samples=Samples(),
         specification=SimpleNamespace(period=1e-3),
         robot=SimpleNamespace(joint_names=("joint",)),
     )
@@ -270,7 +262,7 @@ def test_the_limit_of_the_input_is_drawn_or_named(report_design: Make) -> None:
 @pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
-    samples = design.samples
+    samples = design.evaluation.step_samples
     assert samples is not None
     table = spread_table(design.evaluation, samples)
     rows: Any = [dict(zip((column.name for column in table.heads), row)) for row in table.rows]
@@ -286,7 +278,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
 @pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> None:
     design = report_design("met")
-    samples = design.samples
+    samples = design.evaluation.step_samples
     assert samples is not None
     overshoot, settling, positions = (
         samples.overshoot.copy(),
@@ -296,7 +288,7 @@ def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> N
     overshoot[3] = settling[3] = np.inf
     positions[3, 40:] = np.nan
     gone = dataclasses.replace(samples, overshoot=overshoot, settling=settling, positions=positions)
-    text = text_of(with_samples(design, gone), "draws")
+    text = text_of(with_evaluation(design, step_samples=gone), "draws")
     assert unnamed(text, "15 of 16", "1 diverge", "1 that diverged") == []
     assert "never" in text
     assert "robot 4 (" in text

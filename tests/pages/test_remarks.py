@@ -113,7 +113,7 @@ def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Mak
             attenuation=dataclasses.replace(design.attenuation, budget=terms),
             proof=DesignProof(None, "not tried"),
         )
-        changed = dataclasses.replace(design, certified=dataclasses.replace(design.certified, budget=terms))
+        changed = dataclasses.replace(design, proof=dataclasses.replace(design.proof, budget=terms))
         for other in (sampled, changed):
             found = [text for part, text in added(design, other) if part == "region" and "--period" in text]
             assert [unnamed(text, spent, 0.5) for text in found] == [[]] * there

@@ -20,7 +20,7 @@ from flexhinf.certify.checker.pairs import CheckedPairs
 from flexhinf.designs import Specification, design_workspace
 from flexhinf.designs.advice import Advice, Change, Trial
 from flexhinf.designs.fields import resolved
-from flexhinf.designs.judge_loops import UNHELD, holding_requirement
+from flexhinf.designs.judge import UNHELD, holding_requirement
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
 from flexhinf.designs.responses import motion_metrics
 from flexhinf.designs.result import judged_by

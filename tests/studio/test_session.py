@@ -220,7 +220,7 @@ def test_the_numbers_are_those_of_the_design(session: Session) -> None:
     assert isinstance(linear, LinearParts)
     assert np.array_equal(result.evidence.evaluation.step.positions, nominal.step.positions)
     assert band.samples is not None
-    assert np.array_equal(result.evidence.samples.overshoot, band.samples.overshoot)
+    assert np.array_equal(result.evidence.evaluation.step_samples.overshoot, band.samples.overshoot)
     assert (
         result.evidence.evaluation.margins.peak_sensitivity
         == linear.nominal.evaluation.margins.peak_sensitivity

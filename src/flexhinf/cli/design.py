@@ -77,9 +77,8 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     (the report is written, and says so); 2 for a mistake, or for a
     specification that cannot be met (nothing is written); 130 if interrupted.
     """
-    from flexhinf.designs import evidence_with, stages
+    from flexhinf.designs import WorkspaceEvidence, design_with, stages
     from flexhinf.designs.design_file import robot_digests
-    from flexhinf.designs.result import judged_by
     from flexhinf.robot.saved_file import robot_text
 
     request = request_of(context, o, o.robot, o.elastic)
@@ -105,13 +104,13 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
         report.write(folder, files, origins)
 
     with others, step_progress([*stages(request.robot, request.specification), *ending]) as progress:
-        evidence = evidence_with(request.robot, request.specification, progress, meanwhile)
-        result = judged_by(evidence)
+        result = design_with(request.robot, request.specification, progress, meanwhile)
         progress("report")
         keep(folder, other)
         written(result)
     advice = None
-    if o.advice and evidence.advisable and not result.met:
+    evidence = result.evidence
+    if o.advice and isinstance(evidence, WorkspaceEvidence) and not result.met:
         try:
             own = request.file is None and request.elastic is None and result.robot.file is not None
             advice = _advice(context, evidence, cpu_seconds() - begun, o.out, joints=own)

@@ -26,7 +26,7 @@ from .noise_levels import EstimatorNoise as EstimatorNoise
 from .numbers_file import numbers_schema as numbers_schema
 from .pipeline import (
     design as design,
-    evidence_with as evidence_with,
+    design_with as design_with,
     stages as stages,
 )
 from .pose_evidence import PoseEvidence as PoseEvidence

@@ -1,211 +1,104 @@
-"""Setup of a law about one pose: its loop, and the runs of its task."""
+"""Evidence of a nonlinear H∞ law about one pose: its synthesis, its runs, what is proved."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from flexhinf.analysis import LinearLoop, Margins, modes
-from flexhinf.arrays import Matrix
-from flexhinf.baselines.posed_laws import GainsOnTheWay, PosedLaw
-from flexhinf.copies import shared_out
-from flexhinf.designs import plans, responses
-from flexhinf.designs.checks import LimitCycleCheck
+from flexhinf.analysis import modes
+from flexhinf.designs import certification, checks, judge, plans, responses
 from flexhinf.designs.evaluation import LawEvaluation
-from flexhinf.designs.judge_loops import corner_requirement
-from flexhinf.designs.loop_setup import LoopSetup, with_derived
-from flexhinf.designs.motions import Jump
-from flexhinf.designs.noise_levels import EstimatorNoise
-from flexhinf.designs.problem.presets import required_damping
+from flexhinf.designs.loop_setup import DEVIATIONS, LoopSetup, with_derived
+from flexhinf.designs.pose_evidence import PoseEvidence
+from flexhinf.designs.pose_loop import LoopAtPose
+from flexhinf.designs.problem import presets
 from flexhinf.designs.problem.weights import TargetBehaviour
-from flexhinf.designs.requirements import Requirement
-from flexhinf.designs.resting import CornerLoop
+from flexhinf.designs.requirements import REQUIREMENTS, Requirement
 from flexhinf.designs.specification import Specification
+from flexhinf.designs.status import status_of
 from flexhinf.designs.synthesis import steps
-from flexhinf.designs.task import Task
-from flexhinf.designs.workspace.setup import MoveArguments, WorkspaceSetup
-from flexhinf.loop import Controller, Supervision
-from flexhinf.robot import Robot
+from flexhinf.robot import Robot, mujoco
+
+#: The runs that are judged.
+STEP, MUJOCO = "the step, nominal robot", "the step on MuJoCo's plant"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AboutPose(WorkspaceSetup):
-    """A law about the one pose of a task, in the one motion to it.
+def pose_evidence(robot: Robot, s: Specification, progress: Callable[[str], None]) -> PoseEvidence:
+    """A law about one pose, and what it was judged by."""
+    if s.mujoco:
+        mujoco.check_expressed(s.extras)
+    progress("equilibrium, and weights")
+    synthesis = steps.synthesise(robot, s, progress)
+    setup, limit_cycle = checks.end_limit_cycle(synthesis.setup(robot, s))
+    progress("margins of the running loop")
+    linear = LawEvaluation(setup)
+    law_modes = _law_modes(linear, synthesis)
+    progress("compile the closed loop, and run the step")
+    target = synthesis.design_problem.target
+    evaluation = in_scenario(linear, step_duration(linear, synthesis), target)
+    duration = evaluation.runs.step_duration
+    # before a second thread starts: warning filters belong to the whole process
+    evaluation.compute_margins()
 
-    `evaluation` has the loop that it runs in; `law` are its gains at the pose.
-    """
+    def runs() -> None:
+        evaluation.make_runs()
+        evaluation.sample_robots()
 
-    evaluation: LawEvaluation
-    damping: float | None = None  # ratio that is required of the nominal robot; None: the least
-    limit_cycle: LimitCycleCheck | None = None  # the long run at rest; None without dry friction and backlash
-
-    @staticmethod
-    def of(
-        robot: Robot,
-        s: Specification,
-        evaluation: LawEvaluation,
-        synthesis: steps.Synthesis,
-        limit_cycle: LimitCycleCheck | None = None,
-    ) -> AboutPose:
-        """The setup of a law in its loop, with the task of the specification."""
-        task, target = Task.of(robot, s), synthesis.design_problem.target
-        law = gains_about(evaluation.setup, synthesis.solution.gain)
-        damping = None if target is None else required_damping(s.damping, target)
-        return AboutPose(
-            robot,
-            s,
-            task.space,
-            law,
-            motion=task.motion,
-            evaluation=evaluation,
-            damping=damping,
-            limit_cycle=limit_cycle,
-        )
-
-    @property
-    def about(self) -> LoopSetup:
-        """The loop of all runs."""
-        return self.evaluation.setup
-
-    @cached_property
-    def noise_levels(self) -> EstimatorNoise:
-        """R^v of the estimator."""
-        return self.about.process_noise
-
-    @property
-    def supervision(self) -> Supervision:
-        """What a deployed controller watches."""
-        return self.about.supervision
-
-    @cached_property
-    def has_controller(self) -> bool:
-        """Always: there is one pose."""
-        return True
-
-    @property
-    def dead_zone(self) -> np.ndarray | None:
-        """Errors (n,) that are not integrated, rad or m."""
-        return self.about.dead_zone
-
-    def controller(self, at: np.ndarray, law: PosedLaw | None = None, **options: Any) -> Controller:
-        """As of `LoopSetup.controller`: in error coordinates where the task is followed so."""
-        return self.about.controller(at, moving=self.about.moves, **options)
-
-    def estimator(self, at: np.ndarray) -> Any:
-        """The estimator, started at rest at a pose (n,)."""
-        return self.about.estimator(at)
-
-    def linear(
-        self, at: np.ndarray, values: Mapping[str, Any] | None = None, damped: bool = True
-    ) -> LinearLoop:
-        """The sampled loop linearised at rest at the pose, whatever `at` is; as of `RestingLoops.linear`."""
-        if values is None and damped:
-            return self.margins.linear
-        return self.about.equilibrium_loop(values=values, damped=damped).linear()
-
-    def encoder_offsets(self, at: np.ndarray, time: float | None = None) -> np.ndarray:
-        """As of `RestingLoops.encoder_offsets`; the controller takes them in at once, whatever `time` is."""
-        return super().encoder_offsets(at, None)
-
-    # Runs ---------------------------------------------------------------------------------------------
-    @cached_property
-    def step_length(self) -> float:
-        """Length of the run of a step, s, which is prolonged where the links do not rest by then."""
-        return self.evaluation.runs.step_duration
-
-    def move(
-        self,
-        ends: np.ndarray,
-        values: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        dwell: float | None = None,
-    ) -> responses.Move:
-        """The motion of the task, whatever its `ends` are, and a dwell, s; the true robot has the parameters `values`,
-        and noise by a `seed`, that of the nominal robot apart."""
-        about, e, number = self.about, self.evaluation, 0 if values is None else 1 + seed
-        known: dict[str, Any] = {"values": values, "seed": number, "sub_steps": e.runs.sub_steps}
-        if about.stated_move is not None:
-            if values is None and dwell is None:
-                return e.move
-            return about.move(e.runs.plan, e.runs.dwell if dwell is None else dwell, **known)
-
-        def run(length: float) -> responses.Response:
-            return about.step(length, **known)
-
-        first = e.step if values is None and dwell is None else run(max(self.step_length, dwell or 0.0))
-        response = responses.settled_run(first, run, about.command_time)
-        return responses.Move.along(about.command or Jump(about.goal), response, self.limits)
-
-    def moves(
-        self, runs: Sequence[MoveArguments], begun: Callable[[], None] = lambda: None
-    ) -> tuple[responses.Move, ...]:
-        """A `move` with its metrics for each of these arguments, on all processors; `begun` as of `shared_out`."""
-
-        def judged(run: MoveArguments) -> responses.Move:
-            move = self.move(*run)
-            _ = move.motion, move.metrics
-            return move
-
-        return tuple(shared_out(judged, runs, begun))
-
-    # Judged -------------------------------------------------------------------------------------------
-    @property
-    def required_damping(self) -> float | None:
-        """As the weights were searched for; None for the least."""
-        return self.damping
-
-    @cached_property
-    def margins(self) -> Margins:
-        """Margins of the running loop at the pose."""
-        return self.evaluation.margins
-
-    @property
-    def ringing(self) -> tuple[modes.Mode | None, modes.Mode | None]:
-        """The oscillations that are damped least."""
-        return self.evaluation.least_damped
-
-    @property
-    def unlimited(self) -> responses.Response | None:
-        """The nominal step without limits of the inputs, which would hide what the law demands."""
-        limited = self.limits.limits_peak and self.about.stated_move is None
-        return self.evaluation.unlimited_step if limited else None
-
-    def corner_requirements(self, loops: Sequence[CornerLoop]) -> list[Requirement]:
-        """Requirements on robots at corners of their tolerances, of which all are counted where they are not too
-        many."""
-        known = self.evaluation.corners
-        return [] if known is None else [corner_requirement(known), *super().corner_requirements(loops)[1:]]
-
-    def standstill(self, runs: Sequence[MoveArguments], moves: Sequence[responses.Move]) -> list[Requirement]:
-        """The requirement that the integrals make no limit cycle in a long run at rest."""
-        units = self.limits.position_units
-        return [] if self.limit_cycle is None else [self.limit_cycle.requirement(units)]
-
-
-def gains_about(about: LoopSetup, gain: Matrix) -> PosedLaw:
-    """The gains (n, states) of a law at its goal, integrals last, as those of a law with the same ones at any pose."""
-    law, plant, n = about.linear_law, about.model, len(about.goal)
-    own = [plant.states.index(name) for name in law.plant_states]
-    integrated = [plant.n + plant.states.index(name) for name in law.tracked]
-    whole = np.zeros((n, plant.n + plant.n))
-    whole[:, [*own, *integrated]] = gain
-    known = whole[:, : plant.n + n]
-    return GainsOnTheWay(
-        plant=plant,
-        equilibrium=about.robot.operating_point(about.goal),
-        integrate=("link_position",),
-        gain=lambda pose: known,
+    with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which releases the other thread
+        future = beside.submit(runs)
+        progress("corners of the tolerances, while load, move and sampled robots are run")
+        evaluation.compute_corners()
+        progress("the worst disturbance, and the dissipation budget of the step")
+        worth = certification.attenuation(setup, synthesis, duration)
+        on_mujoco = None
+        if s.mujoco:
+            progress("the step on MuJoCo's plant")
+            on_mujoco = setup.step(duration, plant=setup.mujoco_plant(setup.goal))
+        progress("load, move and sampled robots")
+        future.result()
+    progress("payloads at the ends of their ranges")
+    payloads = checks.evaluate_payloads(setup, evaluation.runs)
+    lines = _requirements(s, evaluation, synthesis, on_mujoco, limit_cycle, payloads)
+    start = float("nan")  # V at the start of the step, for the initial integrals of the controller
+    if synthesis.sampled or synthesis.proved is not None:
+        start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
+    inside = start <= synthesis.chosen.level if synthesis.sampled else None
+    progress("proof of the region")
+    proof = certification.with_tolerances(
+        robot, s, synthesis, certification.prove_design(robot, s, synthesis, start, worth)
+    )
+    return PoseEvidence(
+        robot=robot,
+        specification=s,
+        synthesis=synthesis,
+        evaluation=evaluation,
+        attenuation=worth,
+        inside=inside,
+        proof=proof,
+        mujoco=on_mujoco,
+        limit_cycle=limit_cycle,
+        payloads=payloads,
+        law_modes=law_modes,
+        requirements=lines,
+        status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )
 
 
-def law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple[modes.Mode, ...]:
-    """Modes of the law alone: continuous, with the true state fed back."""
+def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple[modes.Mode, ...]:
     loop = modes.closed_loop(synthesis.problem, synthesis.solution.gain)
     return modes.modes_of(loop, evaluation.setup.joints, *evaluation.energy)
+
+
+def diverged_requirements(evaluation: LawEvaluation, impulses: bool) -> list[Requirement]:
+    """The requirement that no run diverges, for those after the step that do; `impulses`: whether no other requirement
+    is on their damping."""
+    gone = {
+        "impulses on the links at the goal": impulses and evaluation.ring_down.ring_down is None,
+        "constant torques on the links": not evaluation.load_response.metrics,
+    }
+    return [REQUIREMENTS["diverged"].judge(None, 0.0, 1, where) for where, lost in gone.items() if lost]
 
 
 def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
@@ -213,7 +106,7 @@ def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
     stated = linear.setup.specification.duration
     if stated is not None:
         return stated
-    slowest = min(-mode.eigenvalue.real for mode in law_modes(linear, synthesis))
+    slowest = min(-mode.eigenvalue.real for mode in _law_modes(linear, synthesis))
     return responses.run_length(slowest) + linear.setup.command_time
 
 
@@ -241,8 +134,9 @@ def in_scenario(linear: LawEvaluation, duration: float, target: TargetBehaviour 
         float(scales.vibration.min()),
         holding_inputs,
     )
-    dwell = duration if stated else None
-    runs = responses.Scenario(duration, loads, 2.0 * duration, plan, sub_steps, dwell)
+    count = responses.sample_count(robot, len(setup.linear_law.state_names), s.draws)
+    robots, dwell = responses.sample_robots(setup.true.robot, count, s.seed), duration if stated else None
+    runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, dwell)
     return with_derived(linear, scenario=runs, known_step=step)
 
 
@@ -251,3 +145,106 @@ def followed_bandwidth(linear: LawEvaluation, target: TargetBehaviour | None) ->
     own = np.asarray(linear.state_margins.bandwidth, dtype=float)
     usable = np.isfinite(own) & (own > 0.0)
     return np.where(usable, own, 1.0) if target is None else target.where_not(usable, own)
+
+
+def _requirements(
+    stated: Specification,
+    evaluation: LawEvaluation,
+    synthesis: steps.Synthesis,
+    on_mujoco: responses.Response | None,
+    limit_cycle: checks.LimitCycleCheck | None,
+    payloads: tuple[checks.PayloadEvaluation, ...],
+) -> tuple[Requirement, ...]:
+    """All requirements: first on the running loop, then on the runs, then on the tolerances."""
+    setup, target = evaluation.setup, synthesis.design_problem.target
+    s, limits = setup.specification, setup.limits
+    damping = None if target is None else presets.required_damping(stated.damping, target)
+    resolution = setup.position_resolution(DEVIATIONS)
+    lines, step, robots = law_requirements(evaluation, damping, limit_cycle)
+    if target is not None and damping is not None:
+        lines.insert(
+            0, judge.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
+        )
+        lines.append(evaluation.ring_down.requirement(s, damping))
+    lines += step
+    lines += diverged_requirements(evaluation, damping is None)
+    if on_mujoco is not None:
+        lines += step_requirements(
+            setup,
+            on_mujoco,
+            MUJOCO,
+            lambda length: setup.step(length, plant=setup.mujoco_plant(setup.goal)),
+        )
+    runs = evaluation.runs
+    errors = None if s.move is None else checks.errors_after_move(setup, runs.plan, runs.dwell)
+    lines += judge.move_requirements(s, limits, evaluation.move, resolution, errors)
+    if s.move is not None and synthesis.along is not None:
+        lines += checks.along_requirements(s, synthesis.along)
+    if limit_cycle is not None:
+        lines.append(limit_cycle.requirement(limits.position_units))
+    for payload in payloads:
+        lines += checks.payload_requirements(s, limits, payload, damping, resolution)
+    return (*lines, *robots)
+
+
+def step_requirements(
+    setup: LoopSetup,
+    run: responses.Response,
+    where: str,
+    again: Callable[[float], responses.Response],
+    unlimited: responses.Response | None = None,
+    remaining: tuple[np.ndarray, str] | None = None,
+) -> list[Requirement]:
+    """Requirements on the step, of which `again` makes a run of a length, s; `unlimited` and `remaining` as for
+    `step_requirements` and `motion_requirements`."""
+    s, limits, resolution = setup.specification, setup.limits, setup.position_resolution(DEVIATIONS)
+
+    def lines_of(run: responses.Response) -> list[Requirement]:
+        rows = responses.motion_metrics(limits, run, setup.command)
+        return [
+            *judge.step_requirements(s, limits, run, where, unlimited),
+            *judge.motion_requirements(s, limits, [rows], resolution, where, remaining),
+        ]
+
+    return checks.judged_when_settled(lines_of, run, where, again, setup.command_time)
+
+
+def law_requirements(
+    evaluation: LawEvaluation, damping: float | None = None, limit_cycle: checks.LimitCycleCheck | None = None
+) -> tuple[list[Requirement], ...]:
+    """Requirements on a law: on margins, the nominal step, corners and sampled robots.
+
+    `damping`: required damping ratio; None for the least one. `limit_cycle`: the run in which the remaining error is
+    judged; None for the step.
+    """
+    setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
+    s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
+    margins = []
+    if linear:
+        own, worst = evaluation.margins, evaluation.least_damped
+        ringing = [judge.of_several(setup.joints, mode.joint if mode else "") for mode in worst]
+        margins = [
+            *judge.margin_requirements(s, own, setup.joints),
+            *judge.oscillation_requirements(s, own, damping, ringing),
+            *judge.loop_requirements(s, lambda: [evaluation.loop.linear()]),
+        ]
+    step = step_requirements(
+        setup,
+        evaluation.step,
+        STEP,
+        lambda length: setup.step(length, sub_steps=evaluation.runs.sub_steps),
+        evaluation.unlimited_step if limits.limits_peak else None,
+        limit_cycle and limit_cycle.remaining,
+    )
+    robots = [] if corners is None else [judge.corner_requirement(corners)]
+    robots += [] if samples is None else judge.sample_requirements(s, limits, samples)
+    return margins, step, robots
+
+
+def loop_at_pose(robot: Robot, s: Specification, progress: Callable[[str], None]) -> LoopAtPose:
+    """The loop of a law that is not judged."""
+    synthesis = steps.synthesise(robot, s, progress)
+    setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
+    linear = LawEvaluation(setup)
+    length, target = step_duration(linear, synthesis), synthesis.design_problem.target
+    return LoopAtPose(robot, s, setup, length, lambda: in_scenario(linear, length, target))

@@ -26,7 +26,7 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
 from flexhinf.analysis.modes import JointScales
-from flexhinf.designs import judge, judge_loops
+from flexhinf.designs import judge
 from flexhinf.designs.loop_setup import DEVIATIONS, LoopSetup
 from flexhinf.designs.motions import Plan
 from flexhinf.designs.plans import has_integrals
@@ -184,6 +184,27 @@ def impulse_runs(
 STANDSTILL = {REQUIREMENTS[name].what for name in ("remaining", "ripple")}
 
 
+def judged_when_settled(
+    judge: Callable[[Response], list[Requirement]], run: Response, where: str,
+    again: Callable[[float], Response], begun: float = 0.0,
+) -> list[Requirement]:  # fmt: skip
+    """Requirements of a run to rest. Of a run that misses some of them before its transient is over, or that does not
+    settle, those of a longer one, so that its length decides nothing.
+
+    `judge`: requirements of a run. `where`: what the run is. `again`, `begun`: as of `settled_run`.
+    """
+    lines = judge(run)
+    early = [line for line in lines if line.missed and line.what in STANDSTILL and line.where == where]
+    longer = settled_run(run, again, begun) if early or not np.isfinite(run.settling.value) else run
+    if longer is run:
+        return lines
+    detail = f"run of {longer.run.time[-1]:.3g} s"
+    return [
+        replace(line, detail=detail) if line.where == where and line.what in STANDSTILL else line
+        for line in judge(longer)
+    ]
+
+
 def as_far_as_judged(
     lines: Sequence[Requirement], run: Response, begun: float, enough: float, timed: bool = False
 ) -> list[Requirement]:
@@ -257,6 +278,11 @@ class LimitCycleCheck:
         return np.array([row["steady_state_error"] for row in rows] or [np.inf] * len(self.response.goal))
 
     @property
+    def remaining(self) -> tuple[np.ndarray, str]:
+        """Remaining error (n,) of each link, rad or m, and what this run is."""
+        return remaining_errors(self.response, self.response.goal), self.where
+
+    @property
     def amplitudes(self) -> np.ndarray:
         """Amplitudes (n,) of `cycles`, rad or m; infinite where the run diverged."""
         return np.array([cycle.amplitude for cycle in self.cycles] or [np.inf] * len(self.response.goal))
@@ -302,6 +328,22 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
         if not run.oscillating:
             return changed, replace(run, without=first)
     return setup, replace(first, tried=run)
+
+
+def remaining_errors(response: Response, references: np.ndarray) -> np.ndarray:
+    """Remaining error (n,) of each link from references, (n,) or (N, n), rad or m; infinite where the run diverged."""
+    if response.diverged_at is not None:
+        return np.full(len(response.goal), np.inf)
+    return metrics.remaining_error(response.run.time, response.positions, references)
+
+
+def errors_after_move(setup: LoopSetup, plan: Plan, dwell: float | None) -> tuple[np.ndarray, str] | None:
+    """Remaining error (n,) of each link after a move without noise, rad or m, and what this run is; None for a robot
+    without dry friction and backlash."""
+    if not setup.may_swing:
+        return None
+    move = setup.without_noise.move(plan, dwell)
+    return remaining_errors(move.response, move.planned), "the stated move, nominal robot, no noise"
 
 
 def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
@@ -515,11 +557,7 @@ def _recovered_load_step(setup: LoopSetup, load: np.ndarray, runs: Scenario) -> 
 
 
 def payload_requirements(
-    s: Specification,
-    limits: JointLimits,
-    load: PayloadEvaluation,
-    damping: float | None,
-    resolution: float | None,
+    s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None, resolution: float
 ) -> list[Requirement]:
     """Requirements with a payload: of the step, on the deflection after the load step, and on damping.
 
@@ -535,8 +573,8 @@ def payload_requirements(
     ]
     least, below = min(RINGS, damping or 0.0), s.damped_below_limit
     (slow, fast), place = load.margins.damping_about(below), f"running loop at the goal {name}"
-    lines.append(judge_loops.damping_requirement(None, least, slow, below, place))
-    growing = judge_loops.fast_damping_requirement(fast, below, place)
+    lines.append(judge.damping_requirement(None, least, slow, below, place))
+    growing = judge.fast_damping_requirement(fast, below, place)
     lines += [line for line in growing if line.missed]
     if load.load_step is None:
         return lines

@@ -15,7 +15,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from flexhinf.designs.evidence import evidence_of
+from flexhinf.designs.evidence import JudgedRuns, evidence_of
 from flexhinf.designs.fields import law_of, readers, resolved, unchosen
 from flexhinf.designs.judge import missed_by
 from flexhinf.designs.laws import LawKind, check_drive, law_kind, serving
@@ -23,7 +23,6 @@ from flexhinf.designs.own_sensors import measuring
 from flexhinf.designs.request import checked_specification
 from flexhinf.designs.requirements import Reported, Requirement
 from flexhinf.designs.specification import AUTO, FIELDS, Specification
-from flexhinf.designs.workspace.evidence import WorkspaceEvidence
 from flexhinf.designs.workspace.rivals import Gains, check_numbers
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.processors import single_blas
@@ -46,7 +45,7 @@ class ComparedController:
 
     name: str  # `DESIGN`, or the law's
     kind: LawKind
-    judged: WorkspaceEvidence | None = None  # the law in its loop; None for a law that could not be made
+    judged: JudgedRuns | None = None  # the law in its loop; None for a law that could not be made
     stated: bool = False  # whether the user states the numbers of its gains
     failure: str = ""  # why it could not be made
 

@@ -82,7 +82,7 @@ class DeployedRun:
         """The requirements of the specification, as far as the run is long enough to judge them, and the requirements
         that no input swings at rest and that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
-        resolution = None if self.rests else self.plants.position_resolution(loop_setup.DEVIATIONS)
+        resolution = 0.0 if self.rests else self.plants.position_resolution(loop_setup.DEVIATIONS)
         if self.plan is None:
             rows = responses.motion_metrics(limits, response)
             lines = [
@@ -91,11 +91,11 @@ class DeployedRun:
             ]
         elif s.move is None:  # from pose to pose of a workspace
             rows = responses.Move.along(self.plan, response, limits).motion
-            lines = judge.motion_requirements(s, limits, [rows], resolution, WHERE)
+            lines = judge.motion_requirements(s, limits, [rows], resolution, WHERE, rests=self.rests)
             lines += judge.limit_requirements(limits, [response], WHERE)
         else:
             move = responses.Move.along(self.plan, response, limits)
-            lines = judge.move_requirements(s, limits, move, resolution)
+            lines = judge.move_requirements(s, limits, move, resolution, rests=self.rests)
         if self.rests:
             lines += judge.saturation_requirement(limits, [response], WHERE)
         if (watch := self.loop.controller.supervision) is not None:

@@ -1,4 +1,4 @@
-"""One law in one loop: its runs, margins, corners, each computed once, when it is needed."""
+"""One law in one loop: its runs, margins, corners and sampled robots, each computed once, when it is needed."""
 
 # Not checked strictly: SciPy has no types.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -14,9 +14,8 @@ import numpy as np
 from flexhinf import analysis
 from flexhinf.analysis import modes
 from flexhinf.arrays import Matrix
-from flexhinf.designs import checks, responses
+from flexhinf.designs import checks, monte_carlo, responses
 from flexhinf.designs.loop_setup import LoopSetup
-from flexhinf.designs.resting import least_damped
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.robot.modes import Energy
@@ -51,6 +50,10 @@ class LawEvaluation:
     def make_runs(self) -> tuple[responses.LoadResponse, checks.ImpulseRuns, responses.Move]:
         """Load, impulses and move, now."""
         return self.load_response, self.ring_down, self.move
+
+    def sample_robots(self) -> monte_carlo.MonteCarlo | None:
+        """The steps of the sampled robots, now."""
+        return self.step_samples
 
     @property
     def runs(self) -> responses.Scenario:
@@ -95,6 +98,17 @@ class LawEvaluation:
         """Impulse responses at the goal, one for each joint."""
         runs = self.runs
         return checks.impulse_runs(self.setup, self.step.peak_inputs, runs.step_duration, runs.sub_steps)
+
+    # Sampled robots -----------------------------------------------------------------------------------------
+    @cached_property
+    def step_samples(self) -> monte_carlo.MonteCarlo | None:
+        """The steps of the sampled robots with the deployed controller; None without sampled robots."""
+        runs, setup = self.runs, self.setup
+        return (
+            monte_carlo.judged_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
+            if runs.robots
+            else None
+        )
 
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
@@ -199,7 +213,17 @@ class LawEvaluation:
     def least_damped(self) -> tuple[modes.Mode | None, modes.Mode | None]:
         """The oscillations with the damping ratios of `Margins.damping_about`, slow and fast; None where there is
         none."""
-        return least_damped(self.closed_loop_modes, self.margins, self.setup.specification.damped_below_limit)
+        below = self.setup.specification.damped_below_limit
+        ringing = [mode for mode in self.closed_loop_modes if mode.eigenvalue.imag > 0.0]
+        slow, fast = (
+            min(
+                (mode for mode in ringing if (abs(mode.eigenvalue) >= below) is is_fast),
+                key=lambda mode: abs(mode.damping - ratio),
+                default=None,
+            )
+            for is_fast, ratio in zip((False, True), self.margins.damping_about(below))
+        )
+        return slow, fast
 
     @property
     def least_damped_joint(self) -> str:

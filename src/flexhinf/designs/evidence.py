@@ -3,27 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Protocol, Unpack
 
-from flexhinf.designs.designed_loop import DesignedLoop
+from flexhinf.analysis import LinearLoop
+from flexhinf.arrays import Numbers
+from flexhinf.certify import Certificate
+from flexhinf.designs.about_pose import pose_evidence
 from flexhinf.designs.fields import law_of
-from flexhinf.designs.laws import NL_HINF
-from flexhinf.designs.pose_evidence import pose_evidence
+from flexhinf.designs.loop_setup import LoopPlants
 from flexhinf.designs.requirements import Requirement
+from flexhinf.designs.responses import Move
 from flexhinf.designs.specification import Specification
 from flexhinf.designs.workspace.design import Meanwhile, design_workspace
-from flexhinf.designs.workspace.evidence import WorkspaceEvidence
+from flexhinf.designs.workspace.proof import WorkspaceProof
 from flexhinf.designs.workspace.rivals import Gains
+from flexhinf.loop import Controller, ControllerOptions, Trajectory
 from flexhinf.robot import Robot
 
-#: Of laws with a synthesis of their own, how they are made and judged.
-SEARCHES: Mapping[str, Callable[[Robot, Specification, Callable[[str], None]], WorkspaceEvidence]] = {
-    NL_HINF: pose_evidence
-}
+
+class DesignedLoop(Protocol):
+    """What a law does in its loop at the poses of its task; `Design` has the same names, and says what they are."""
+
+    @property
+    def length(self) -> float:
+        """Of the step that the design was judged by, s; 0 of moves, each of which has its own."""
+        ...
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether one controller serves every pose of the task; else `controller` is refused."""
+        ...
+
+    def controller(self, at: Numbers = None, **options: Unpack[ControllerOptions]) -> Controller:
+        """See `Design.controller`."""
+        ...
+
+    def linear(self, at: Numbers = None) -> LinearLoop:
+        """See `Design.linear`."""
+        ...
+
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
+        """See `Design.step`."""
+        ...
+
+    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
+        """See `Design.move`."""
+        ...
+
+    def certificate(self) -> Certificate | WorkspaceProof:
+        """See `Design.certificate`."""
+        ...
 
 
 class DesignEvidence(Protocol):
-    """What a design was judged by: `WorkspaceEvidence`, or a `StoredReport`."""
+    """What a design was judged by: `PoseEvidence`, `WorkspaceEvidence`, or a `StoredReport`."""
 
     @property
     def robot(self) -> Robot:
@@ -50,20 +83,59 @@ class DesignEvidence(Protocol):
         ...
 
 
+class JudgedRuns(DesignEvidence, Protocol):
+    """What a design was judged by in this process, with its runs."""
+
+    @property
+    def setup(self) -> LoopPlants:
+        """Robot, sensors, limits and latency of every run."""
+        ...
+
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """Of the nominal robot: every move, or the motion of the task."""
+        ...
+
+    @property
+    def sampled(self) -> tuple[Move, ...]:
+        """The same of robots within their tolerances, of those whose runs are kept."""
+        ...
+
+    @property
+    def bandwidth(self) -> float | None:
+        """Of which the law is made, the largest of all joints, rad/s; None of a law without one."""
+        ...
+
+    @property
+    def numbers(self) -> Gains:
+        """Of which the gains are made, by name."""
+        ...
+
+    @property
+    def missed(self) -> tuple[Requirement, ...]:
+        """Requirements that are not met."""
+        ...
+
+    @property
+    def met(self) -> bool:
+        """Whether every requirement is met."""
+        ...
+
+
 def evidence_of(
     robot: Robot,
     s: Specification,
     progress: Callable[[str], None],
     meanwhile: Meanwhile | None = None,
     numbers: Gains | None = None,
-) -> WorkspaceEvidence:
+) -> JudgedRuns:
     """Make the law of a checked specification, and judge it.
 
     `meanwhile`: as of `design_workspace`; without it nothing is computed that decides nothing. `numbers`: those that
     the user states for the law, which is then not tuned.
     """
-    if (own := SEARCHES.get(law_of(s).name)) is not None:
-        return own(robot, s, progress)
+    if not law_of(s).any_pose:
+        return pose_evidence(robot, s, progress)
     return design_workspace(
         robot, s, progress, meanwhile=meanwhile, undamped=meanwhile is not None, numbers=numbers
     )

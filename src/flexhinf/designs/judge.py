@@ -1,19 +1,20 @@
-"""Requirements judged on runs of any task, each at the worst of those it is given.
+"""Requirements judged: on linear loops at rest, and on runs, of any task, each at the worst of those it is given.
 
-The kinds are those of `flexhinf.designs.requirements`. Sampled robots, payloads and another simulator's run are
-calls with another `where`.
+The kinds are those of `flexhinf.designs.requirements`. Poses, corners of the tolerances, sampled robots, payloads and
+another simulator's run are calls with another `where`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexhinf.analysis import LinearLoop, Margins, ToleranceCorners
 from flexhinf.designs.monte_carlo import MonteCarlo
 from flexhinf.designs.requirements import (
     POSITION,
@@ -21,9 +22,12 @@ from flexhinf.designs.requirements import (
     Allowance,
     Requirement,
     RequirementKind,
+    RestingLoop,
+    on_loops,
     on_motions,
 )
 from flexhinf.designs.requirements.remaining_error import REMAINING_ERROR
+from flexhinf.designs.requirements.requirement import TOLERANCE
 from flexhinf.designs.responses import (
     JointLimits,
     Move,
@@ -31,11 +35,18 @@ from flexhinf.designs.responses import (
     motion_of,
     per_joint,
 )
-from flexhinf.designs.specification import Specification
+from flexhinf.designs.resting import CornerLoop, PoseLoop
+from flexhinf.designs.specification import MIN_DAMPING, Specification
 from flexhinf.loop import Supervision
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
-from flexhinf.numerals import worst_text
+from flexhinf.numerals import count_text, worst_text
+
+#: The loop in which linear requirements are judged, as text.
+SAMPLED_LOOP = "running loop at the goal: sampled, with estimator and delay, nominal robot"
+
+#: The requirement that the motors hold the robot.
+UNHELD = "poses that the motors cannot hold"
 
 #: Largest amplitude of a link at rest, with dry friction and noise, in parts of the remaining error that is allowed.
 STANDSTILL_SHARE = 0.25
@@ -102,9 +113,193 @@ def measured(name: str, limits: JointLimits, runs: Sequence[Response]) -> Locate
     return worst(kind, rows, bound.limit, limits.joints, bound.units)
 
 
+# Linear loops at rest --------------------------------------------------------------------------------
 def of_several(joints: Sequence[str], joint: str | int) -> str:
     """The name of a joint if there are several joints; otherwise empty."""
     return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
+
+
+def damping_requirement(
+    s: Specification | None,
+    required: float | None,
+    found: float,
+    below: float,
+    where: str = SAMPLED_LOOP,
+    **more: Any,
+) -> Requirement:
+    """The damping ratio of every oscillation below a frequency, rad/s: as required, and never less than
+    `MIN_DAMPING`."""
+    limit = max(required or 0.0, MIN_DAMPING)
+    exact: dict[str, Any] = {"tolerance": 0.0} if limit == MIN_DAMPING else {}
+    if required is not None and required < MIN_DAMPING:
+        exact["detail"] = f"judged by {MIN_DAMPING:g}, the least"
+    row = REQUIREMENTS["damping"]
+    return row.judge(
+        s, limit, found, where, **{"criterion": row.criterion.format(below=below), **exact, **more}
+    )
+
+
+def oscillation_requirements(
+    s: Specification, margins: Margins, required: float | None = None, joints: Sequence[str] = ("", "")
+) -> list[Requirement]:
+    """Damping of slow oscillations and, where there are any, of fast ones, each with its joint of `joints`."""
+    loop = RestingLoop(margins, s.damped_below_limit)
+    slow, fast = (_number(REQUIREMENTS[name], [loop]) for name in ("damping", "fast_damping"))
+    return [
+        damping_requirement(s, required, slow, loop.damped_below, joint=joints[0]),
+        *fast_damping_requirement(fast, loop.damped_below, SAMPLED_LOOP, joints[1]),
+    ]
+
+
+def _number(kind: RequirementKind, loops: Sequence[RestingLoop]) -> float:
+    """The worst number of some loops."""
+    return _worst_of(kind, [kind.of_loop(loop) for loop in loops if kind.of_loop is not None])
+
+
+def _worst_of(kind: RequirementKind, numbers: Sequence[float]) -> float:
+    return worst(kind, [(number, np.nan) for number in numbers], 1.0).value
+
+
+def fast_damping_requirement(fast: float, below: float, where: str, joint: str = "") -> list[Requirement]:
+    """The requirement that oscillations from a frequency on, rad/s, are stable; none without such oscillations.
+
+    `fast`: their smallest damping ratio.
+    """
+    row = REQUIREMENTS["fast_damping"]
+    criterion = row.criterion.format(below=below)
+    return [row.judge(None, 0.0, fast, where, joint=joint, criterion=criterion)] if fast < 1.0 else []
+
+
+def margin_requirements(
+    s: Specification, margins: Margins, joints: Sequence[str] = ("",)
+) -> list[Requirement]:
+    """Peak sensitivity, gain margin and required delay margin of the running loop. `joints` are those of the inputs."""
+    loop, weakest = RestingLoop(margins, s.damped_below_limit), dict[str, str]()
+    if len(joints) > 1:
+        weakest["gain_margin"] = joints[margins.weakest_input]
+    lines = list[Requirement]()
+    for kind in (REQUIREMENTS[name] for name in ("peak_sensitivity", "gain_margin", "delay_margin")):
+        if kind.limit(s) is not None:
+            found = _number(kind, [loop])
+            lines.append(kind.judge(s, kind.number(s), found, SAMPLED_LOOP, joint=weakest.get(kind.name, "")))
+    return lines
+
+
+def bandwidth_requirement(
+    s: Specification, bandwidth: np.ndarray, margins: Margins, joints: Sequence[str]
+) -> Requirement:
+    """The requirement on the bandwidth (n,) of the running loop, rad/s, if weights were searched for it."""
+    kind, loop = REQUIREMENTS["bandwidth"], RestingLoop(margins, s.damped_below_limit)
+    rows = [(kind.of_loop(loop), np.nan)] if kind.of_loop is not None else []
+    least = worst(kind, rows, bandwidth, joints)
+    return kind.judge(s, least.limit, least.value, SAMPLED_LOOP, joint=least.joint)
+
+
+def corner_requirement(corners: ToleranceCorners) -> Requirement:
+    """The requirement that no corner of the tolerances is unstable with the design's own estimator."""
+    which = f"all {corners.count}" if corners.complete else f"{corners.count} sampled"
+    where = f"{which} corners of the tolerances, running loop with this design's R^v"
+    return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
+
+
+def loop_requirements(
+    s: Specification,
+    loops: Callable[[], Sequence[LinearLoop]],
+    where: str = SAMPLED_LOOP,
+    also: Sequence[str] = (),
+) -> list[Requirement]:
+    """Requirements of kinds that have a file of their own, for the worst of some loops at rest, which are linearised
+    only if one of them has a limit; `also` of kinds by which laws are searched, where a limit is stated."""
+    stated = (
+        (kind, kind.limit(s))
+        for kind in on_loops()
+        if not kind.searched or (kind.name in also and kind.stated(s) is not None)
+    )
+    limited = [(kind, float(np.max(limit))) for kind, limit in stated if limit is not None]
+    linear = loops() if limited else ()
+    resting = [RestingLoop(Margins(loop), s.damped_below_limit) for loop in linear]
+    return [kind.judge(s, limit, _number(kind, resting), where) for kind, limit in limited]
+
+
+def pose_requirements(
+    s: Specification, loops: Sequence[PoseLoop], damping: float, gain: float, at: str = ""
+) -> list[Requirement]:
+    """Requirements on the loops at all poses: `damping` is the least ratio, `gain` the factor of all inputs at once;
+    `at` which poses, in words."""
+    where = f"{at or count_text(len(loops), 'random pose')}, sampled loop"
+    extra = 1e3 * s.period * s.limit("delay_margin")
+    late = [loop.late for loop in loops]
+    gains = [max(loop.louder, loop.softer) for loop in loops]
+    outside = "a pole outside the unit circle"
+    nearly = (
+        f"{outside} even with {100.0 * TOLERANCE:g} % less of it: a margin that lacks so little counts as met"
+    )
+    unstable = (
+        ("unstable poses", "", outside, [loop.growth for loop in loops]),
+        (f"poses unstable with {extra:g} ms more delay", "delay_margin", nearly, late),
+        (f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}", "gain_margin", nearly, gains),
+    )
+    row, (slow, fast) = REQUIREMENTS["corners"], _dampings(loops)
+    return [
+        *(
+            replace(row, what=what, field=field, criterion=criterion).judge(
+                s, 0.0, int(np.sum(np.array(growths) >= 1.0)), where
+            )
+            for what, field, criterion, growths in unstable
+        ),
+        damping_requirement(s, damping, slow, s.damped_below_limit, where),
+        REQUIREMENTS["ripple"].judge(
+            s,
+            s.limit("ripple"),
+            _worst_of(REQUIREMENTS["ripple"], [loop.ripple for loop in loops]),
+            where,
+            criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit",
+        ),
+        *_growing(s, fast, where),
+    ]
+
+
+def corner_requirements(
+    s: Specification, loops: Sequence[CornerLoop], least: float, at: str = ""
+) -> list[Requirement]:
+    """Requirements on the loops of robots at corners of their tolerances; `least` is the smallest damping ratio, `at`
+    which poses and robots, in words."""
+    if not loops:
+        return []
+    each = "each of another robot at a corner of the tolerances"
+    where = at or f"{count_text(len(loops), 'random pose')}, {each}"
+    unstable = int(np.sum([loop.growth >= 1.0 for loop in loops]))
+    damping, fast = _dampings(loops)
+    return [
+        REQUIREMENTS["corners"].judge(None, 0.0, unstable, where),
+        damping_requirement(None, least, damping, s.damped_below_limit, where),
+        *_growing(s, fast, where),
+    ]
+
+
+def _dampings(loops: Sequence[CornerLoop | PoseLoop]) -> tuple[float, float]:
+    """Smallest damping ratios of slow and of fast oscillations."""
+    slow, fast = [loop.damping for loop in loops], [loop.fast_damping for loop in loops]
+    return _worst_of(REQUIREMENTS["damping"], slow), _worst_of(REQUIREMENTS["fast_damping"], fast)
+
+
+def _growing(s: Specification, fast: float, where: str) -> list[Requirement]:
+    """The requirement on fast oscillations where it is not met."""
+    lines = fast_damping_requirement(fast, s.damped_below_limit, where)
+    return [line for line in lines if line.missed]
+
+
+def holding_requirement(needs: np.ndarray, at: str = "") -> list[Requirement]:
+    """The requirement that the motors hold the robot at poses, where it is not met; `needs` (N,) are the largest
+    inputs that it takes there, in parts of the motors' limits."""
+    row = replace(
+        REQUIREMENTS["corners"],
+        what=UNHELD,
+        criterion="poses at which the nominal robot needs more than a motor's limit to rest",
+    )
+    unheld = int(np.sum(needs > 1.0))
+    line = row.judge(None, 0.0, unheld, f"{at or count_text(len(needs), 'random pose')}, at rest")
+    return [line] if line.missed else []
 
 
 # Runs -------------------------------------------------------------------------------------------------
@@ -135,25 +330,30 @@ def motion_requirements(
     s: Specification,
     limits: JointLimits,
     runs: Sequence[Sequence[Mapping[str, Any]]],
-    resolution: float | None,
+    resolution: float,
     where: str,
+    errors: tuple[np.ndarray, str] | None = None,
     always: bool = True,
+    rests: bool = False,
 ) -> list[Requirement]:
     """Requirements on the motions of some runs, each for the worst of them: of each kind that is measured on motions.
 
-    `runs`: `motion_metrics` of each. `resolution`: of a link position, rad or m, as of `Allowance`; a default remaining
-    error is not smaller. `always`: list kept limits too.
+    `runs`: `motion_metrics` of each. `resolution`: of a link position, rad or m; a default remaining error is not
+    smaller. `errors`: remaining errors (n,) of another run, in which they are judged, and what it is.
+    `always`: list kept limits too. `rests`: the runs rest long enough for a share of the travel not to matter.
     """
-    travel: Any = 0.0 if not runs[0] else np.array([row["travel"] for row in runs[0]])
-    about, lines = Allowance(limits.joints, resolution, travel), list[Requirement]()
+    other = None if errors is None else [[{"remaining_error": error} for error in errors[0].tolist()]]
+    travel: Any = 0.0 if errors is not None or not runs[0] else np.array([row["travel"] for row in runs[0]])
+    about, lines = Allowance(limits.joints, resolution, travel, rests), list[Requirement]()
     for kind in on_motions():
         if kind.steps or kind.bounded:
             continue
-        limit = kind.limit(s, about)
-        known = any(not rows or any(kind.metric in row for row in rows) for rows in runs)
+        elsewhere = other is not None and kind.metric == "remaining_error"
+        judged, limit = other if other is not None and elsewhere else runs, kind.limit(s, about)
+        known = any(not rows or any(kind.metric in row for row in rows) for rows in judged)
         if limit is None or not known:
             continue
-        rows = [[row.get(kind.metric, np.nan) for row in run] if run else None for run in runs]
+        rows = [[row.get(kind.metric, np.nan) for row in run] if run else None for run in judged]
         found = worst(
             kind,
             [None if row is None else (row, np.nan) for row in rows],
@@ -161,7 +361,8 @@ def motion_requirements(
             limits.joints,
             limits.position_units if kind.unit == POSITION else (),
         )
-        lines.append(kind.judge(s, found.limit, found.value, where, unit=found.unit, joint=found.joint))
+        place = errors[1] if errors is not None and elsewhere else where
+        lines.append(kind.judge(s, found.limit, found.value, place, unit=found.unit, joint=found.joint))
     return [line for line in lines if always or not line.met]
 
 
@@ -318,32 +519,28 @@ def move_requirements(
     s: Specification,
     limits: JointLimits,
     move: Move,
-    resolution: float | None,
+    resolution: float,
+    errors: tuple[np.ndarray, str] | None = None,
+    rests: bool = False,
 ) -> list[Requirement]:
-    """Requirements on the move; of a move that is planned and not stated, only those that are not met. `resolution`: as
-    for `motion_requirements`."""
-    stated = s.move is not None
+    """Requirements on the move; of a move that is planned and not stated, only those that are not met. `resolution`,
+    `errors`, `rests`: as for `motion_requirements`."""
+    rows, stated = move.motion, s.move is not None
     place = STATED if stated else PLANNED
-    return [
-        *(way_requirements(s, limits, [move], place) if stated else ()),
-        *motion_requirements(s, limits, [move.motion], resolution, place, always=stated),
-        *limit_requirements(limits, [move.response], place, always=stated),
-    ]
-
-
-def way_requirements(
-    s: Specification, limits: JointLimits, moves: Sequence[Move], where: str
-) -> list[Requirement]:
-    """Requirements on the tracking error of some runs of one stated move, and on the distance from its end after it."""
-    most = move_limits(REQUIREMENTS["tracking"].stated(s), limits, moves[0].travel)
-    lines = list[Requirement]()
-    for name, key, limit in zip(("tracking", "final"), ("largest_error", "final_error"), most):
-        runs = [([row[key] for row in move.metrics], np.nan) if move.metrics else None for move in moves]
-        found = worst(REQUIREMENTS[name], runs, limit, limits.joints, limits.position_units)
+    motion = motion_requirements(s, limits, [rows], resolution, place, errors, stated, rests)
+    if not stated:
+        return [*motion, *limit_requirements(limits, [move.response], PLANNED, always=False)]
+    rows, lines = move.metrics, list[Requirement]()
+    keys = {"tracking": "largest_error", "final": "final_error"}
+    for (name, key), most in zip(
+        keys.items(), move_limits(REQUIREMENTS["tracking"].stated(s), limits, move.travel)
+    ):
+        run = ([row[key] for row in rows], np.nan) if rows else None
+        found = worst(REQUIREMENTS[name], [run], most, limits.joints, limits.position_units)
         lines.append(
-            REQUIREMENTS[name].judge(s, found.limit, found.value, where, unit=found.unit, joint=found.joint)
+            REQUIREMENTS[name].judge(s, found.limit, found.value, STATED, unit=found.unit, joint=found.joint)
         )
-    return lines
+    return [*lines, *motion, *limit_requirements(limits, [move.response], STATED)]
 
 
 def move_limits(stated: Any, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -362,33 +559,16 @@ def move_limits(stated: Any, limits: JointLimits, travel: np.ndarray) -> tuple[n
 
 
 def worst_move_requirements(
-    s: Specification,
-    limits: JointLimits,
-    moves: Sequence[Move],
-    which: str,
-    of: str = "",
-    resolution: float | None = None,
-    unlimited: Response | None = None,
+    s: Specification, limits: JointLimits, moves: Sequence[Move], which: str, of: str = ""
 ) -> list[Requirement]:
     """Requirements on each kind of motion, on the limits of the joints, and on the time at those of the inputs, for the
-    worst of the moves; of steps also on their overshoot and on whether they settle, of a stated move on the way.
-
-    `of` says in words what these are. `resolution`: as for `motion_requirements`, None of moves between random goals.
-    `unlimited`: as for `limit_requirements`.
-    """
+    worst of the moves; of jumps their overshoot too. `of` says in words what these are."""
     where = f"{of or worst_text(len(moves), 'move')}, {which}"
-    runs, own = [move.response for move in moves], list[Requirement]()
-    if s.move is not None:
-        own = way_requirements(s, limits, moves, where)
-    elif resolution is not None:
-        late = sum(not np.isfinite(run.settling.value) for run in runs)
-        own = [
-            *overshoot_requirement(s, limits, runs, where),
-            REQUIREMENTS["unsettled"].judge(None, 0.0, late, where),
-        ]
+    runs = [move.response for move in moves]
+    jumps = [move.response for move in moves if move.plan.duration == 0.0]
     return [
-        *own,
-        *motion_requirements(s, limits, [move.motion for move in moves], resolution, where),
-        *limit_requirements(limits, runs, where, unlimited),
+        *(overshoot_requirement(s, limits, jumps, where) if jumps else ()),
+        *motion_requirements(s, limits, [move.motion for move in moves], 0.0, where, rests=True),
+        *limit_requirements(limits, runs, where),
         *saturation_requirement(limits, runs, where),
     ]

@@ -6,23 +6,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from flexhinf.arrays import Vector
 from flexhinf.campaign import Metrics
 from flexhinf.designs.loop_setup import LoopSetup
-from flexhinf.designs.responses import LONGEST, JointLimits, Response
+from flexhinf.designs.responses import LONGEST, JointLimits
 from flexhinf.loop import EnsembleResult, Instant, Reduction
-from flexhinf.loop.simulation.metrics import (
-    CommandFacts,
-    peak_of,
-    step_reduction,
-    updated_late_error,
-    updated_peak,
-)
+from flexhinf.loop.simulation.metrics import CommandFacts, step_reduction, updated_late_error, updated_peak
 from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import where
 
@@ -55,29 +47,6 @@ class MonteCarlo:
     time: np.ndarray  # (T,). Instants that are kept, s
     positions: np.ndarray  # (N, T, n). Link positions; NaN from where a run diverged
 
-    @staticmethod
-    def of(values: Sequence[Mapping[str, Any]], runs: Sequence[Response]) -> MonteCarlo:
-        """Those of runs that were made of robots with these parameters."""
-        time = runs[0].run.time
-        kept = time[np.arange(0, len(time), max(1, -(-len(time) // KEPT)))]
-        worst = {name: [getattr(run, name) for run in runs] for name in ("overshoot", "settling", "peak")}
-        values_of = {name: np.array([each.value for each in found]) for name, found in worst.items()}
-        inputs, speeds = (
-            np.array([peak_of(part(run)) for run in runs])
-            for part in (attrgetter("inputs"), attrgetter("velocities"))
-        )
-        gone = np.array([run.diverged_at is not None for run in runs])
-        inputs[gone], speeds[gone] = np.inf, np.inf
-        return MonteCarlo(
-            values=tuple(values),
-            **values_of,
-            joints={name: tuple(each.joint for each in found) for name, found in worst.items()},
-            inputs=inputs,
-            speeds=speeds,
-            time=kept,
-            positions=np.array([_positions_at(kept, run) for run in runs]),
-        )
-
     def __len__(self) -> int:
         return len(self.values)
 
@@ -100,12 +69,6 @@ class MonteCarlo:
     def slowest(self) -> int:
         """The robot that settles last; among those that never settle, the one with the largest overshoot."""
         return max(range(len(self)), key=lambda k: (self.settling[k], self.overshoot[k]))
-
-
-def _positions_at(times: np.ndarray, run: Response) -> np.ndarray:
-    """Link positions (T, n) of a run at some times; NaN after its end."""
-    columns: list[Vector] = [np.interp(times, run.run.time, q, right=np.nan) for q in run.positions.T]
-    return np.column_stack(columns)
 
 
 def judged_runs(

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexhinf.designs import certification, responses
+from flexhinf.designs.about_pose import loop_at_pose
 from flexhinf.designs.compare import Progress, rivals, silent
-from flexhinf.designs.designed_loop import DesignedLoop
-from flexhinf.designs.evidence import evidence_of
+from flexhinf.designs.evidence import DesignedLoop, evidence_of
 from flexhinf.designs.fields import law_of
-from flexhinf.designs.pose_evidence import loop_at_pose
 from flexhinf.designs.problem import presets
 from flexhinf.designs.request import checked_specification
 from flexhinf.designs.result import Design, judged_by
@@ -18,9 +17,8 @@ from flexhinf.designs.specification import Specification
 from flexhinf.designs.synthesis import by_step
 from flexhinf.designs.task import Task
 from flexhinf.designs.workspace.design import TOLERATED, Meanwhile, workspace_stages
-from flexhinf.designs.workspace.evidence import LoopOverWorkspace, WorkspaceEvidence
+from flexhinf.designs.workspace.evidence import LoopOverWorkspace
 from flexhinf.designs.workspace.preset import selected_law
-from flexhinf.designs.workspace.samples import sampled_moves
 from flexhinf.processors import single_blas
 from flexhinf.robot import Robot
 
@@ -67,20 +65,20 @@ def design(
     >>> arm.controller().period
     0.001
     """
-    return judged_by(evidence_with(robot, specification, progress))
+    return design_with(robot, specification, progress)
 
 
 @single_blas()
-def evidence_with(
+def design_with(
     robot: Robot,
     specification: Specification | None,
     progress: Progress | None,
     meanwhile: Meanwhile = lambda: lambda evidence: None,
-) -> WorkspaceEvidence:
-    """What a `design` is judged by; `meanwhile` begins what is done while is computed what it tolerates, of laws that
-    are judged by that."""
+) -> Design:
+    """As `design`; of a law with gains at any pose `meanwhile` begins what is done while is computed what it
+    tolerates."""
     s, progress = checked_specification(robot, specification), progress or silent
-    return evidence_of(robot, s, progress, meanwhile)
+    return judged_by(evidence_of(robot, s, progress, meanwhile))
 
 
 def loop_of(robot: Robot, s: Specification, progress: Progress = silent) -> DesignedLoop:
@@ -127,9 +125,7 @@ def _stages(robot: Robot, s: Specification) -> list[tuple[str, float]]:
         found += [("solve", 0.5)] * solved + [("the step with each", 2.0)] * (solved > 1)
         found += [("sample the region", 1.0)] * regions
     found += [("the law at", 0.5)] * len(s.via)
-    found += [("margins of the running loop", 1.0), ("compile the closed loop", 2.0), ("corners", 2.0)]
+    found += [("margins of the running loop", 1.0), ("compile the closed loop", 2.0), ("corners", 3.0)]
     found.append(("the worst disturbance", 1.0 if certification.searches_disturbance(states, rays) else 0.2))
     found += [("the step on MuJoCo's plant", 1.0)] * s.mujoco
-    robots = [("moves of sampled robots", 1.0)] * bool(sampled_moves(robot, s))
-    found += [("load and move", 0.5), ("loops at", 1.0), ("moves between", 0.2), *robots]
-    return [*found, ("payloads", 0.3), ("proof of the region", 1.0)]
+    return [*found, ("load, move and sampled robots", 1.0), ("payloads", 0.3), ("proof of the region", 1.0)]

@@ -56,6 +56,7 @@ class Scenario:
     load: np.ndarray  # (n,). Constant torques on the links, N·m or N
     load_duration: float  # Of the run with the load, s; the load begins at `LOAD_START` of it
     plan: Plan  # The move from start to goal, or the stated one
+    robots: tuple[Mapping[str, Any], ...]  # Parameters of the robots sampled within their tolerances
     sub_steps: int  # Runge–Kutta steps per period of the true plant
     dwell: float | None = None  # How long the move is observed at its end, s; None for half of its duration
 

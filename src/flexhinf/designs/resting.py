@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from flexhinf.analysis import Margins
-from flexhinf.analysis.modes import Mode
 
 #: A ripple below which an estimator is preferred, per cent.
 QUIET = 1.2
@@ -42,18 +38,3 @@ class PoseLoop(NamedTuple):
         loud = np.log(np.clip(self.ripple, 1e-9, 1e5) / np.array([ripple, QUIET]))
         needed = max(np.log(self.growth) / period, late, 1.0 - self.damping / damping, loud[0])
         return np.array([needed, gain, wished, loud[1]])
-
-
-def least_damped(found: Sequence[Mode], margins: Margins, below: float) -> tuple[Mode | None, Mode | None]:
-    """The oscillations of a loop with the damping ratios of `Margins.damping_about` a frequency, rad/s, slow and fast;
-    None where there is none. `found` are its modes."""
-    ringing = [mode for mode in found if mode.eigenvalue.imag > 0.0]
-    slow, fast = (
-        min(
-            (mode for mode in ringing if (abs(mode.eigenvalue) >= below) is is_fast),
-            key=lambda mode: abs(mode.damping - ratio),
-            default=None,
-        )
-        for is_fast, ratio in zip((False, True), margins.damping_about(below))
-    )
-    return slow, fast

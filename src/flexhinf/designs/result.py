@@ -14,8 +14,7 @@ from flexhinf.arrays import Numbers
 from flexhinf.certify import Certificate
 from flexhinf.designs.compare import Comparison, compare
 from flexhinf.designs.design_campaign import campaign_in_memory
-from flexhinf.designs.designed_loop import DesignedLoop
-from flexhinf.designs.evidence import DesignEvidence
+from flexhinf.designs.evidence import DesignedLoop, DesignEvidence
 from flexhinf.designs.judged import Judged
 from flexhinf.designs.requirements import Reported, Requirement
 from flexhinf.designs.specification import Specification

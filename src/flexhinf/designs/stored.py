@@ -19,8 +19,8 @@ from flexhinf.designs.design_file import (
     fields_text,
     why_anew,
 )
-from flexhinf.designs.designed_loop import DesignedLoop
 from flexhinf.designs.evaluation import LawEvaluation
+from flexhinf.designs.evidence import DesignedLoop
 from flexhinf.designs.fields import law_of
 from flexhinf.designs.judged import Judged
 from flexhinf.designs.loop_setup import LoopSetup

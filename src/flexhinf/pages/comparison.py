@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.designs.compare import ComparedController, Comparison
+from flexhinf.designs.evidence import JudgedRuns
 from flexhinf.designs.judge import missed_by
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
 from flexhinf.designs.task import Task
 from flexhinf.designs.verdict import result_row
-from flexhinf.designs.workspace.evidence import WorkspaceEvidence
 from flexhinf.designs.workspace.gain_search import TUNING_MOVES, TUNING_POSES
 from flexhinf.designs.workspace.rivals import Gains
 from flexhinf.numerals import count_text, number, without_noise
@@ -152,7 +152,7 @@ def _single(comparison: Comparison) -> str:
     return f"In single numbers rivals are better: {'; '.join(parts)}." if parts else ""
 
 
-def _judged(comparison: Comparison) -> WorkspaceEvidence:
+def _judged(comparison: Comparison) -> JudgedRuns:
     """What the design was judged by, which there always is."""
     assert comparison.own.judged is not None
     return comparison.own.judged

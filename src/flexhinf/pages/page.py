@@ -72,8 +72,8 @@ def requirements(design: PoseEvidence) -> Blocks:
         yield Paragraph(
             "No bandwidth is required, and of damping only what every loop needs: they result from the given weights."
         )
-    limits, rows = design.about.limits, list[Sequence[object]]()
-    several, limited = len(design.about.joints) > 1, limits.limits_effort
+    limits, rows = design.setup.limits, list[Sequence[object]]()
+    several, limited = len(design.setup.joints) > 1, limits.limits_effort
     for row in input_rows(design):
         limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
         known = np.isfinite(row["value"])
@@ -140,7 +140,7 @@ class InputRow(TypedDict):
 
 def input_rows(design: PoseEvidence) -> list[InputRow]:
     """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
-    e, setup, samples = design.evaluation, design.about, design.samples
+    e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
     runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
         ("equilibrium at the start", setup.equilibrium(design.start)[1]),
         ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
@@ -207,7 +207,7 @@ def design_page(
     robot, s, sections = design.robot, design.specification, list[Section]()
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
     measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
-    extras = ", ".join(design.about.extras).replace("_", " ")
+    extras = ", ".join(design.setup.extras).replace("_", " ")
     extras = f" The true plant also has {extras}." if extras else ""
     slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
     start, goal = (pose_text(pose, slides, degrees) for pose in (design.start, design.goal))
@@ -356,7 +356,7 @@ def requirements_text(lines: Sequence[Requirement], of: str = "") -> str:
 
 def sampled_text(design: PoseEvidence) -> str:
     """How many robots within their tolerances do not settle, or the worst numbers of those that do; or nothing."""
-    samples = design.samples
+    samples = design.evaluation.step_samples
     if samples is None or not len(samples):
         return ""
     within = f"{len(samples)} robots sampled within their tolerances"
@@ -371,7 +371,7 @@ def sampled_text(design: PoseEvidence) -> str:
 
 
 def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str:
-    samples = design.samples
+    samples = design.evaluation.step_samples
     assert samples is not None
     values = getattr(samples, metric)
     joint = samples.joints[metric][int(np.argmax(values))]
@@ -382,7 +382,7 @@ def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str
 def key_numbers(design: PoseEvidence) -> list[Fact]:
     """The numbers that matter most, of the nominal robot, with the worst of the sampled ones beside."""
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
-    response, m, samples, numbers = e.step, e.margins, design.samples, list[Fact]()
+    response, m, samples, numbers = e.step, e.margins, e.step_samples, list[Fact]()
     for name, metric, value, joint, unit in (
         ("settling time", "settling", rounded(response.settling.value), response.settling.joint, "s"),
         ("overshoot", "overshoot", rounded(response.overshoot.value, 2), response.overshoot.joint, "%"),

@@ -204,7 +204,7 @@ def _simulation(e: LawEvaluation) -> list[Fact]:
     size, unit = ("none", "") if zone is None else _positions(e, zone)
     assert runs is not None
     extras = f", with {', '.join(e.setup.extras)}" if e.setup.extras else ", no extras"
-    steps = "Runge–Kutta steps per period"
+    steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows: list[Fact] = [
         Fact(
             "start pose",
@@ -244,6 +244,7 @@ def _simulation(e: LawEvaluation) -> list[Fact]:
             e.setup.model.unit(e.setup.model.disturbances[0]),
             source_of(s, "load", "a tenth of what the motors give at the peak of the step"),
         ),
+        Fact("sampled robots", len(runs.robots), "", seed),
         Fact(steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
     ]
     if filter is not None:

@@ -238,7 +238,7 @@ def design_ending(design: PoseEvidence) -> Ending:
     risks = "; ".join(design.status.risky)
     parts = (
         f"{requirements_text(design.requirements)} {scope_text(design)} {_vibration(design)}",
-        f"Nominal robot: {numbers_text(key_numbers(design))}. {sampled_text(design)} {noise_text(design.about)}",
+        f"Nominal robot: {numbers_text(key_numbers(design))}. {sampled_text(design)} {noise_text(design.setup)}",
         region.brief_proof_text(design),
         f"Risky: {risks}." if risks else "",
         _advice(design),

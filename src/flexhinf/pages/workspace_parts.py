@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 from flexhinf.designs.advice import Advice
@@ -28,6 +27,7 @@ PROOF_FILE = "proof.json"
 CORNER = "at a corner of its tolerances"
 
 
+@PARTS.register(WorkspaceEvidence)
 class WorkspaceParts:
     """`DesignParts` of a law over a workspace."""
 
@@ -105,12 +105,9 @@ class WorkspaceParts:
         }
 
 
-PARTS.register(WorkspaceEvidence)(WorkspaceParts)
-
-
 def _loops(design: WorkspaceEvidence) -> Iterator[Loop]:
     for robot, loops in (("nominal", design.loops), (CORNER, design.corner_loops)):
-        for pose, loop in zip(cycle(design.poses), loops):
+        for pose, loop in zip(design.poses, loops):
             yield Loop(pose, robot, loop.growth < 1.0, loop.damping, loop._asdict())
 
 

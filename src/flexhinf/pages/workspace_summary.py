@@ -11,8 +11,7 @@ import numpy as np
 
 from flexhinf.arrays import Number
 from flexhinf.designs.advice import Advice, Trial
-from flexhinf.designs.judge import missed_by
-from flexhinf.designs.judge_loops import UNHELD
+from flexhinf.designs.judge import UNHELD, missed_by
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
 from flexhinf.designs.responses import Move
 from flexhinf.designs.specification import Specification

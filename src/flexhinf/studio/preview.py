@@ -16,16 +16,13 @@ import numpy as np
 from flexhinf.analysis import FrequencyResponse
 from flexhinf.designs import about_pose, checks, responses
 from flexhinf.designs.evaluation import LawEvaluation
-from flexhinf.designs.judge import sample_requirements, worst_move_requirements
-from flexhinf.designs.judge_loops import margin_requirements, oscillation_requirements
-from flexhinf.designs.loop_setup import DEVIATIONS, LoopSetup
-from flexhinf.designs.monte_carlo import MonteCarlo, judged_runs
-from flexhinf.designs.motions import Jump
+from flexhinf.designs.judge import margin_requirements, oscillation_requirements, sample_requirements
+from flexhinf.designs.loop_setup import LoopSetup
+from flexhinf.designs.monte_carlo import MonteCarlo, sampled_runs
 from flexhinf.designs.requirements import Requirement
 from flexhinf.designs.responses import Response
 from flexhinf.designs.specification import Specification
 from flexhinf.designs.synthesis.steps import Synthesis, synthesise
-from flexhinf.designs.workspace.samples import SAMPLED_SEED
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Controller
 from flexhinf.robot import Robot
@@ -76,20 +73,12 @@ class Nominal:
     @cached_property
     def requirements(self) -> list[Requirement]:
         """Requirements on the step, as `flexhinf design` judges them."""
-        setup = self.setup
-        run = responses.settled_run(
+        return about_pose.step_requirements(
+            self.setup,
             self.step,
-            lambda length: setup.step(length, sub_steps=_sub_steps(self.step)),
-            setup.command_time,
-        )
-        move = responses.Move.along(setup.command or Jump(setup.goal), run, setup.limits)
-        return worst_move_requirements(
-            replace(setup.specification, move=None),
-            setup.limits,
-            [move],
-            "nominal robot",
-            "the step",
-            setup.position_resolution(DEVIATIONS),
+            about_pose.STEP,
+            lambda length: self.setup.step(length, sub_steps=_sub_steps(self.step)),
+            remaining=self.limit_cycle and self.limit_cycle.remaining,
         )
 
     def controller(self) -> Controller:
@@ -184,8 +173,8 @@ def _band(nominal: Nominal, begun: float) -> Band:
     count = min(stated, max(1, int(MOST_SAMPLES * s.period / nominal.duration)))
     samples = None
     if count:
-        robots = setup.true.robot.random_corners(count, SAMPLED_SEED + 100 * s.seed)
-        samples = judged_runs(setup, robots, nominal.duration, _sub_steps(nominal.step))
+        robots = responses.sample_robots(setup.true.robot, count, s.seed)
+        samples = sampled_runs(setup, robots, nominal.duration, _sub_steps(nominal.step))
     return Band(nominal, samples, stated, time.perf_counter() - begun)
 
 

@@ -63,7 +63,7 @@ def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     assert MIN_FRACTION <= found.fraction <= 1.0
     assert problem.search is not None
     assert problem.search.chosen is problem.search.candidates[-1]
-    design = cast(PoseEvidence, SimpleNamespace(synthesis=synthesis, about=robust.setup))
+    design = cast(PoseEvidence, SimpleNamespace(synthesis=synthesis, setup=robust.setup))
     text = "".join(block.html() for block in weights.whole_loop(design))
     assert unnamed(text, "3 times", "unstable") == []
     again = replace(found, chosen=found.damped)
@@ -90,7 +90,7 @@ def test_where_nothing_is_better_the_design_is_that_of_damped(
     assert not robust.robust.better
     np.testing.assert_array_equal(robust.solution.gain, damped.solution.gain)
     assert robust.design_problem.preset == "robust"
-    design = cast(PoseEvidence, SimpleNamespace(synthesis=robust, about=e.setup))
+    design = cast(PoseEvidence, SimpleNamespace(synthesis=robust, setup=e.setup))
     text = next(weights.whole_loop(design)).html()
     assert unnamed(text, "none", "damped", robust.robust.count) == []
 

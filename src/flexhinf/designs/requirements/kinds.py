@@ -56,18 +56,13 @@ class Allowance:
     """On what the limit of a motion depends beside the specification."""
 
     joints: tuple[str, ...]
-    # Of a link position, rad or m; None of moves that rest long enough for neither it nor the travel to matter
-    resolution: float | None
+    resolution: float  # Of a link position, rad or m
     travel: Any  # (n,), or 0 where it does not matter, rad or m
-
-    @property
-    def rests(self) -> bool:
-        """Whether the runs are moves that rest long enough."""
-        return self.resolution is None
+    rests: bool  # Whether the run is a move that rests long enough for the travel not to matter
 
 
 #: The allowance of something that does not move.
-NO_MOTION = Allowance((), 0.0, 0.0)
+NO_MOTION = Allowance((), 0.0, 0.0, False)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def allowed(s: Stating, about: Allowance) -> Limit:
     """As stated; by default `REMAINING_ERROR`, but not less than the resolution, nor than `REMAINING_SHARE` of the
     joint's travel, of which a step of eight time constants keeps some."""
     share = 0.0 if about.rests else REMAINING_SHARE * np.asarray(about.travel)
-    return REMAINING.stated(s) or np.maximum(max(REMAINING_ERROR, about.resolution or 0.0), share)
+    return REMAINING.stated(s) or np.maximum(max(REMAINING_ERROR, about.resolution), share)
 
 
 REMAINING = register(

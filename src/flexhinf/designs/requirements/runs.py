@@ -15,7 +15,7 @@ _ROWS = {
         "",
         "≤",
         "",
-        "runs that diverge, or are outside ±2 % of the step even at the end of a longer run",
+        "runs that diverge, or are outside ±2 % of the step even after four times its length",
     ),
     "diverged": ("runs that diverge", "", "≤", "", "runs that leave the finite numbers"),
     "final": (

@@ -30,7 +30,7 @@ from flexhinf.designs.deployed_run import (
     with_payload,
 )
 from flexhinf.designs.judge import missed_by
-from flexhinf.designs.loop_setup import DEVIATIONS, LoopPlants
+from flexhinf.designs.loop_setup import LoopPlants
 from flexhinf.designs.motions import Motion, Plan
 from flexhinf.designs.plans import true_robot
 from flexhinf.designs.request import DesignRequest
@@ -94,7 +94,6 @@ class MoveMetrics:
     specification: Specification
     limits: JointLimits
     motion: Motion | None = None  # the only one; None: moves between random goals, each a plan
-    resolution: float | None = None  # of a link position, as of `judge.motion_requirements`
 
     @cached_property
     def known(self) -> dict[str, tuple[str, bool]]:
@@ -181,7 +180,7 @@ class MoveMetrics:
             line.what: line
             for line in (
                 *judge.overshoot_requirement(s, limits, [response], ""),
-                *judge.motion_requirements(s, limits, [rows], self.resolution, ""),
+                *judge.motion_requirements(s, limits, [rows], 0.0, "", rests=True),
                 *judge.saturation_requirement(limits, [response], ""),
             )
         }
@@ -337,9 +336,7 @@ class WorkspaceCampaign(DesignCampaign[WorkspaceSetup]):
             for name in offsets
         ]
         off += [Variable(DELAY, 0.0, late + 1.0, o.distribution)] if late else []
-        motion = Task.of(design.robot, s).motion
-        resolution = None if motion is None else plants.position_resolution(DEVIATIONS)
-        metrics = MoveMetrics(s, joint_limits(design.robot, s), motion, resolution)
+        metrics = MoveMetrics(s, joint_limits(design.robot, s), Task.of(design.robot, s).motion)
         return cls(replace(design, specification=s), o, robot, (*variables, *off), metrics, offsets)
 
     @property

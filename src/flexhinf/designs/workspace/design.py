@@ -11,7 +11,14 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext
 
 from flexhinf.copies import beside, shared_out
-from flexhinf.designs.judge import missed_by, worst_move_requirements
+from flexhinf.designs.judge import (
+    corner_requirements,
+    holding_requirement,
+    loop_requirements,
+    missed_by,
+    pose_requirements,
+    worst_move_requirements,
+)
 from flexhinf.designs.noise_levels import sensor_steps
 from flexhinf.designs.requirements import Requirement, on_motions
 from flexhinf.designs.requirements.requirement import TOLERANCE
@@ -23,6 +30,7 @@ from flexhinf.designs.task import Task
 from flexhinf.designs.workspace.evidence import WorkspaceEvidence
 from flexhinf.designs.workspace.preset import proved_requirement, selected_law
 from flexhinf.designs.workspace.proof import WorkspaceProof
+from flexhinf.designs.workspace.resting_loops import corner_damping, gain_limit, pose_limits
 from flexhinf.designs.workspace.rivals import Gains
 from flexhinf.designs.workspace.robustness import PairResults, pair_results
 from flexhinf.designs.workspace.samples import (
@@ -36,6 +44,7 @@ from flexhinf.designs.workspace.samples import (
 )
 from flexhinf.designs.workspace.search import BANDWIDTHS
 from flexhinf.designs.workspace.setup import MoveArguments, WorkspaceSetup
+from flexhinf.designs.workspace.standstill import standstill_requirement
 from flexhinf.errors import refuse_if
 from flexhinf.numerals import count_text
 from flexhinf.plant.instruments import SENSORS
@@ -150,36 +159,41 @@ def judged_design(
         if known
         else tuple(shared_out(lambda pose: setup.at_pose(pose, TOLERANCE), [*poses], begun))
     )
-    lines += setup.resting_requirements(poses, loops)
+    lines += (
+        *pose_requirements(s, loops, pose_limits(s)[0], gain_limit(s), setup.where),
+        *loop_requirements(
+            s,
+            lambda: [setup.linear(pose) for pose in poses],
+            f"{setup.where or count_text(len(poses), 'random pose')}, sampled loop",
+            also=("peak_sensitivity",),
+        ),
+        *holding_requirement(setup.needs(poses), setup.where),
+    )
     true = setup.true.robot
     corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = known.corner_loops if known else at_corners(corners, True, begun)
-    lines += setup.corner_requirements(cornered)
+    robots = (
+        setup.where and f"{setup.where}, {count_text(len(cornered), 'robot')} at corners of the tolerances"
+    )
+    lines += corner_requirements(s, cornered, corner_damping(s), robots)
     move_ends, left_out = setup.move_ends(GOALS, GOALS_SEED + 100 * s.seed)
     move_ends = [*(move_ends if setup.motion is None else move_ends[:1])]
     progress(f"moves between {GOALS} goals" if len(move_ends) > 1 else "moves between start and goal")
     nominal: list[MoveArguments] = [(ends, None, k) for k, ends in enumerate(move_ends)]
     moves = ran.moves if ran else setup.moves(nominal, begun)
     sampled: tuple[Move, ...] = ()
-
-    def judged_moves(
-        some: Sequence[Move], which: str, unlimited: Response | None = None
-    ) -> list[Requirement]:
-        of = setup.motions(len(some))
-        return worst_move_requirements(s, setup.limits, some, which, of, setup.resolution, unlimited)
-
-    lines += judged_moves(moves, "nominal robot", setup.unlimited)
+    lines += worst_move_requirements(s, setup.limits, moves, "nominal robot", setup.motions(len(moves)))
     if others := corner_moves(setup, 0, move_ends):
         progress("moves of sampled robots")
         sampled = ran.sampled if ran else setup.moves(others, begun)
         which = "robots at corners of their tolerances"
-        judged = judged_moves(sampled, which)
+        judged = worst_move_requirements(s, setup.limits, sampled, which, setup.motions(len(sampled)))
         for k, (_, *shares) in enumerate(FURTHER if s.draws is None else (), 1):
             if len(sampled) <= len(others) and not decided_by_few(judged, *shares):
                 break
             others += corner_moves(setup, k, move_ends)
             sampled += setup.moves(others[len(sampled) :], begun)
-            judged = judged_moves(sampled, which)
+            judged = worst_move_requirements(s, setup.limits, sampled, which, setup.motions(len(sampled)))
         lines += judged
 
     def switched_on() -> Response | None:
@@ -197,7 +211,8 @@ def judged_design(
         beside(undamped_loops) if setup.may_swing else nullcontext(undamped_loops) as loops_undamped,
         beside(switched_on) as on,
     ):
-        lines += setup.standstill([*nominal, *others], [*moves, *sampled])
+        if setup.may_swing:
+            lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
         power_on, bare = on(), loops_undamped()
     return WorkspaceEvidence(
         setup,

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.arrays import Numbers
-from flexhinf.designs.designed_loop import DesignedLoop
 from flexhinf.designs.judged import Judged
 from flexhinf.designs.protecting import deployed
 from flexhinf.designs.requirements import REQUIREMENTS, Requirement
@@ -130,9 +129,6 @@ class WorkspaceEvidence(Judged, Summarised):
     sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
     power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
     requirements: tuple[Requirement, ...]
-    #: Whether `flexhinf.designs.advise` knows other designs to try where something is missed.
-    advisable: ClassVar[bool] = True
-
     proof: WorkspaceProof | None = None  # of the preset `proved`, for what the file states
     pairs: PairResults | None = None  # what holds for all pairs, where that was begun already
 
@@ -161,7 +157,7 @@ class WorkspaceEvidence(Judged, Summarised):
         return self.setup.specification
 
     @property
-    def loop(self) -> DesignedLoop:
+    def loop(self) -> LoopOverWorkspace:
         """What the law does at any pose."""
         return LoopOverWorkspace(self.setup)
 

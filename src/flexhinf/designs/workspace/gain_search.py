@@ -162,8 +162,6 @@ class GainSearch:
         move_ends, _ = setup.move_ends(TUNING_MOVES, CHOSEN_SEED)
         robots = setup.true.robot.random_corners(TUNING_MOVES, CHOSEN_SEED) or [None] * TUNING_MOVES
         moves = setup.moves([(move_ends[k], values, k) for k, values in enumerate(robots)])
-        lines = worst_move_requirements(
-            setup.specification, setup.limits, moves, "", resolution=setup.resolution
-        )
+        lines = worst_move_requirements(setup.specification, setup.limits, moves, "")
         missed = [missed_by(line) for line in lines if line.missed]
         return max((float(np.nan_to_num(each, nan=math.inf)) for each in missed), default=1.0)

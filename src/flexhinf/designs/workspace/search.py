@@ -384,7 +384,7 @@ def missed(setup: WorkspaceSetup) -> float:
     s, limits, (move_ends, _) = setup.specification, setup.limits, setup.move_ends(TRIED_MOVES, CHOSEN_SEED)
     robots = setup.true.robot.random_corners(TRIED_MOVES, CHOSEN_SEED) or [None] * TRIED_MOVES
     moves = setup.moves([(move_ends[k], values, 0) for k, values in enumerate(robots)])
-    lines = motion_requirements(s, limits, [move.motion for move in moves], setup.resolution, "")
+    lines = motion_requirements(s, limits, [move.motion for move in moves], 0.0, "", rests=True)
     return max(missed_by(line) for line in lines)
 
 

@@ -10,19 +10,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from flexhinf.analysis import Margins
-from flexhinf.analysis.modes import Mode, sampled_modes, stiffness_and_inertia
 from flexhinf.baselines.posed_laws import PosedLaw
 from flexhinf.copies import shared_out
-from flexhinf.designs.judge import of_several, standstill_requirement
-from flexhinf.designs.judge_loops import (
-    corner_requirements,
-    goal_requirements,
-    holding_requirement,
-    loop_requirements,
-    pose_requirements,
-)
-from flexhinf.designs.loop_setup import DEVIATIONS, SWING_NOISE
+from flexhinf.designs.loop_setup import SWING_NOISE
 from flexhinf.designs.motions import Motion, Plan
 from flexhinf.designs.noise_levels import RADIAN
 from flexhinf.designs.plans import (
@@ -35,10 +25,7 @@ from flexhinf.designs.plans import (
     quintic_move,
     settled,
 )
-from flexhinf.designs.requirements import Requirement
 from flexhinf.designs.responses import Move, Response, run_length, settled_run, with_values
-from flexhinf.designs.resting import CornerLoop, PoseLoop, least_damped
-from flexhinf.designs.specification import RINGS
 from flexhinf.designs.task import Task
 from flexhinf.designs.workspace.resting_loops import (
     CHOSEN_POSES,
@@ -46,13 +33,11 @@ from flexhinf.designs.workspace.resting_loops import (
     OFFSET,
     OFFSET_TIME,
     RestingLoops,
-    gain_limit,
-    pose_limits,
 )
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop import Controller, Governor, Loop, Supervision
 from flexhinf.loop.controller.governor import HEARD
-from flexhinf.numerals import count_text, worst_text
+from flexhinf.numerals import worst_text
 from flexhinf.robot.elastic import stated_curves
 from flexhinf.robot.parameters import PlantValues, random_signs
 
@@ -74,16 +59,6 @@ FAR_TIME, FAR, BACK, BACK_TIME = 0.02, (0.02, 0.08), 0.8, 0.3
 #: A joint is blocked where what resists it is so many times as large as tolerances explain, and so many standard
 #: deviations of its noise.
 EXCESS, HEARD_NOISE = 1.5, 7.0
-
-#: Rest of the move that is made again to see whether links rest, s; largest deviation by noise in some 10,000 samples,
-#: as a multiple of its standard deviation.
-LONG, LARGEST_OF_NOISE = 20.0, 4.5
-
-#: What the requirement that links rest does not look at.
-UNSEEN = (
-    "one move of {} is looked at: after short moves links with dry friction were seen to swing by up to 0.7 mrad, and "
-    "near the limit another seed may judge otherwise"
-)
 
 #: Plans kept for sampled robots, which make the same moves; moves that wait for no code.
 PLANS, FEW_MOVES = 32, 4
@@ -258,81 +233,6 @@ class WorkspaceSetup(RestingLoops):
             return np.tile(self.motion.ends, (count, 1, 1)), 0
         goals, left_out = self.goals(count + 1, seed)
         return np.stack([goals[:-1], goals[1:]], axis=1), left_out
-
-    # Judged -------------------------------------------------------------------------------------------
-    @property
-    def resolution(self) -> float | None:
-        """Of a link position, rad or m, as of `judge.motion_requirements`; None of moves between random goals."""
-        return None if self.motion is None else self.position_resolution(DEVIATIONS)
-
-    @property
-    def required_damping(self) -> float | None:
-        """Damping ratio that is required of the nominal robot; None of the least."""
-        return pose_limits(self.specification)[0]
-
-    @cached_property
-    def margins(self) -> Margins:
-        """Margins of the loop at the one pose of the task."""
-        return Margins(self.linear(np.asarray(self.workspace.home)))
-
-    @property
-    def ringing(self) -> tuple[Mode | None, Mode | None]:
-        """The slow and the fast oscillation of that loop which are damped least; None where there is none."""
-        energy = stiffness_and_inertia(self.model, self.robot.operating_point(self.workspace.home))
-        found = self.margins.linear.closed_loop.modes()
-        modes = sampled_modes(*found, self.specification.period, self.joints, *energy)
-        return least_damped(modes, self.margins, self.specification.damped_below_limit)
-
-    def resting_requirements(self, poses: np.ndarray, loops: Sequence[PoseLoop]) -> list[Requirement]:
-        """Requirements on the nominal robot at rest at poses (N, n): of one pose on the margins of its loop, of several
-        on how many lack some."""
-        s, held = self.specification, holding_requirement(self.needs(poses), self.where)
-        if self.motion is not None:
-            ringing = [of_several(self.joints, mode.joint if mode else "") for mode in self.ringing]
-            ripple = max(loop.ripple for loop in loops)
-            joints = self.joints, ringing
-            return [*goal_requirements(s, self.margins, ripple, self.required_damping, joints), *held]
-        where = f"{count_text(len(poses), 'random pose')}, sampled loop"
-        return [
-            *pose_requirements(s, loops, self.required_damping, gain_limit(s), where),
-            *loop_requirements(
-                s, lambda: [self.linear(pose) for pose in poses], where, also=("peak_sensitivity",)
-            ),
-            *held,
-        ]
-
-    def corner_requirements(self, loops: Sequence[CornerLoop]) -> list[Requirement]:
-        """Requirements on the loops of robots at corners of their tolerances."""
-        robots = f"{count_text(len(loops), 'robot')} at corners of the tolerances"
-        least = min(RINGS, self.required_damping or 0.0)
-        at = self.where and f"{self.where}, {robots}"
-        return corner_requirements(self.specification, loops, least, at)
-
-    @property
-    def unlimited(self) -> Response | None:
-        """The nominal run of the one motion without input limits, in which the largest input is judged; None where it
-        is judged in the run itself."""
-        return None
-
-    def standstill(self, runs: Sequence[Any], moves: Sequence[Move]) -> list[Requirement]:
-        """The requirement that links rest, for the move at whose end they swing most by their own limits, made again
-        with a longer rest; none without dry friction and backlash. `runs` are the arguments of `move`.
-
-        What the linear loop does by noise is no limit cycle."""
-        if not self.may_swing:
-            return []
-
-        def judged(k: int, swing: np.ndarray, where: str) -> Requirement:
-            noisy = LARGEST_OF_NOISE * self.noise_spread(self.linear(runs[k][0][1], runs[k][1]))[1]
-            noisy[~np.isfinite(noisy)] = 0.0  # an unstable loop, which friction may hold for a while
-            resolution = np.maximum(self.position_resolution(DEVIATIONS), noisy)
-            return standstill_requirement(self.specification, self.limits, swing, resolution, where)
-
-        lines = shared_out(lambda k: judged(k, moves[k].swing, ""), range(len(moves)), compiles=False)
-        worst = int(np.argmax([line.found / line.limit for line in lines]))
-        swing = self.move(*runs[worst], dwell=LONG).swing
-        line = judged(worst, swing, f"{LONG:g} s of rest after the worst move")
-        return [replace(line, criterion=f"{line.criterion}; {UNSEEN.format(len(moves))}")]
 
     @property
     def where(self) -> str:

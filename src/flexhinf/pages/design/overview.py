@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexhinf.designs.evaluation import LawEvaluation
 from flexhinf.designs.pose_evidence import PoseEvidence
 from flexhinf.designs.responses import Move, Response
 from flexhinf.numerals import count_text, number
@@ -67,14 +68,13 @@ def lead(design: PoseEvidence) -> list[Figure]:
     e = design.evaluation
     if not len(e.step.run.time) or not np.any(e.setup.goal - e.setup.start):
         return []
-    return [figure for figure in (_step(design), arm_picture(e.setup.robot, e.step)) if figure is not None]
+    return [figure for figure in (_step(e), arm_picture(e.setup.robot, e.step)) if figure is not None]
 
 
 @house_style()
-def _step(design: PoseEvidence) -> Figure:
+def _step(e: LawEvaluation) -> Figure:
     """Link positions and inputs; several joints as a share of their own way, so that they fit one panel."""
-    e = design.evaluation
-    response, samples, units, joints = e.step, design.samples, units_of(e), e.setup.joints
+    response, samples, units, joints = e.step, e.step_samples, units_of(e), e.setup.joints
     time, start, way = response.run.time, e.setup.start, e.setup.goal - e.setup.start
     several, moving = len(joints) > 1, np.flatnonzero(way)
     scale = 100.0 / np.where(way == 0.0, 1.0, way) if several else np.full(1, units.scale)
@@ -97,7 +97,7 @@ def _step(design: PoseEvidence) -> Figure:
     settling_band(upper, goal, float(size))
     label(upper, "share of the way" if several else "link position", "%" if several else units.angle)
     legend(upper)
-    _end_after_settling(upper, design)
+    _end_after_settling(upper, e)
     for axes, panel in zip(lower, inputs):
         plain = [(value, color, None) for value, color, _ in panel.dashed]
         lines = [line._replace(name=None) for line in panel.lines]
@@ -112,12 +112,11 @@ def _step(design: PoseEvidence) -> Figure:
     )
 
 
-def _end_after_settling(axes: Axes, design: PoseEvidence) -> None:
+def _end_after_settling(axes: Axes, e: LawEvaluation) -> None:
     """End the time axis some time after the last robot has settled, where all of them do."""
-    e = design.evaluation
     times: list[float] = [
         e.step.settling.value,
-        *([] if design.samples is None else design.samples.settling.tolist()),
+        *([] if e.step_samples is None else e.step_samples.settling.tolist()),
     ]
     end = float(e.step.run.time[-1])
     if np.isfinite(times).all() and max(times) > 0.0:
@@ -251,7 +250,7 @@ def briefs(design: PoseEvidence) -> dict[str, str]:
         )
     if e.corners is not None:
         texts["corners"] = f"{e.corners.unstable} of {e.corners.count} unstable"
-    samples = design.samples
+    samples = e.step_samples
     if samples is not None and len(samples):
         texts["draws"] = f"{len(samples) - samples.unsettled} of {len(samples)} settle"
     if e.step.diverged_at is None:

@@ -23,7 +23,6 @@ from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_row
 from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
 from flexhinf.pages.parts import PARTS, Loop, Run
 from flexhinf.pages.terminal import Ending, design_ending
-from flexhinf.pages.workspace_parts import WorkspaceParts
 from flexhinf.report import Figure, Page
 
 if TYPE_CHECKING:
@@ -33,10 +32,13 @@ if TYPE_CHECKING:
 
 
 @PARTS.register(PoseEvidence)
-class PoseParts(WorkspaceParts):
+class PoseParts:
     """`DesignParts` of a law about one pose."""
 
-    _evidence: PoseEvidence
+    read = None
+
+    def __init__(self, evidence: PoseEvidence) -> None:
+        self._evidence = evidence
 
     @property
     def runs(self) -> dict[str, Trajectory]:
@@ -45,7 +47,7 @@ class PoseParts(WorkspaceParts):
 
     def files(self) -> dict[str, str | bytes]:
         """Certificates of what is proved."""
-        proof = self._evidence.certified
+        proof = self._evidence.proof
         return {
             name: certified.certificate.text()
             for name, certified in (("certificate.json", proof), (BOX_FILE, proof.box))
@@ -87,18 +89,17 @@ class PoseParts(WorkspaceParts):
         return _result(self._evidence)
 
     def loops(self) -> list[dict[str, Any]]:
-        """The loops of every law, that at the goal with all its margins; those at rest along the move."""
+        """The loop at the goal, and those at rest along the move."""
         design, along = self._evidence, self._evidence.synthesis.along
-        first, *others = super().loops()
-        margins, rows = _margins(design.evaluation.margins), list[Loop]()
+        m = design.evaluation.margins
+        rows = [Loop(design.goal, "nominal", m.stable, m.damping, _margins(m))]
         for time, pose, law, one in zip(along.times, along.poses, along.laws, along.margins) if along else ():
             numbers = {"time_s": float(time), "law": law, **_picked(one, " ".join(ALONG))}
             rows.append(Loop(pose, "nominal", one.stable, one.damping, numbers))
-        own = (row._asdict() for row in rows)
-        return [{**first, "numbers": {**first["numbers"], **margins}}, *own, *others]
+        return [row._asdict() for row in rows]
 
     def run_rows(self) -> list[dict[str, Any]]:
-        """The runs that are kept, with the numbers of each joint; then those of robots at corners."""
+        """The runs that are kept, with the numbers of each joint."""
         e, rows = self._evidence.evaluation, list[dict[str, Any]]()
         joints = {
             "step": _joined(e.step.metrics, e.step_motion),
@@ -108,7 +109,7 @@ class PoseParts(WorkspaceParts):
         for name, response in _responses(self._evidence).items():
             robot = "nominal, on MuJoCo's plant" if name == "step-mujoco" else "nominal"
             rows.append(Run.of(name, robot, response, joints.get(name, response.metrics))._asdict())
-        return [*rows, *super().run_rows()[len(self._evidence.moves) :]]
+        return rows
 
     def facts(self) -> dict[str, Any]:
         """Level, degree, weights, noise, modes, corners, region and proof."""
@@ -133,7 +134,7 @@ def _joined(*tables: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def _result(design: PoseEvidence) -> dict[str, object]:
     problem, evaluation = design.design_problem, design.evaluation
-    samples, margins = design.samples, evaluation.margins
+    samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
         None if callable(problem.penalty.states) else design_file.plain("penalty", problem.penalty.states)
     )
@@ -156,7 +157,7 @@ def _result(design: PoseEvidence) -> dict[str, object]:
         "weights": weights,
         "robust": None if problem.robustness is None else asdict(problem.robustness),
         "estimator_noise": _picked(
-            design.about.process_noise, "all_states link_velocities motor_velocities from=source"
+            design.setup.process_noise, "all_states link_velocities motor_velocities from=source"
         ),
         "margins": _picked(margins, "delay_margin=delay_margin_s peak_sensitivity gain_margin"),
     }
@@ -193,9 +194,9 @@ def _facts(design: PoseEvidence) -> dict[str, Any]:
         design.attenuation.attained,
         design.limit_cycle,
     )
-    estimator, ring_down = design.about.estimator(design.start), e.ring_down
+    estimator, ring_down = design.setup.estimator(design.start), e.ring_down
     modes = {"open": e.open_modes, "closed": design.law_modes, "estimator": e.estimator_modes}
-    response, inputs, samples = e.frequency_response, input_rows(design), design.samples
+    response, inputs, samples = e.frequency_response, input_rows(design), e.step_samples
     return {
         "status": _picked(design.status, "not_met not_proved risky"),
         **_picked(design, "gamma_star gamma degree=chosen.degree states=problem.state_names"),
@@ -261,7 +262,7 @@ def _facts(design: PoseEvidence) -> dict[str, Any]:
             "diverged_at_s": limit_cycle.response.diverged_at,
             "joints": long_run_rows(limit_cycle),
         },
-        "noise_variances": design.about.noise_variances,
+        "noise_variances": design.setup.noise_variances,
         "initial_variance": None if estimator is None else np.diag(estimator.initial.covariance),
     }
 
@@ -306,7 +307,7 @@ def _estimator_noise(design: PoseEvidence) -> dict[str, object]:
             key=lambda candidate: candidate.input_noise,
         )
     return {
-        **_picked(design.about.process_noise, "all_states link_velocities motor_velocities source"),
+        **_picked(design.setup.process_noise, "all_states link_velocities motor_velocities source"),
         "count": 0 if search is None else search.count,
         "tried": [{**_picked(c, NOISE), "used": search is not None and is_used(search, c)} for c in tried],
     }

@@ -58,7 +58,7 @@ def rule_text(rule: str) -> str:
 # What is proved -----------------------------------------------------------------------------------------
 def brief_proof_text(design: PoseEvidence) -> str:
     """`proof_text` for a terminal: without the reasons where nothing is proved."""
-    proof = design.certified
+    proof = design.proof
     anything = design.step_proof.proved or proof.certificate is not None or proof.box is not None
     return proof_text(design) if anything else "Nothing is proved; the page says why."
 
@@ -66,7 +66,7 @@ def brief_proof_text(design: PoseEvidence) -> str:
 def proof_text(design: PoseEvidence) -> str:
     """What is proved of the required step, then of the law for all tolerances and for the nominal robot; why
     nothing is."""
-    proof, certificate, box = design.certified, design.certified.certificate, design.certified.box
+    proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
     texts, beyond = [design.step_proof.text], "" if (certificate or box) is None else NO_LATENCY
     if box is not None:
         texts.append(
@@ -111,7 +111,7 @@ def penalty_text(design: PoseEvidence) -> str:
 
 def covers_tolerances(design: PoseEvidence) -> bool:
     """Whether the proof is for a box of parameters."""
-    certificate = design.certified.certificate
+    certificate = design.proof.certificate
     return certificate is not None and any(p.low < p.high for p in certificate.parameters)
 
 
@@ -124,7 +124,7 @@ def _amplitude_text(design: PoseEvidence, amplitude: float) -> str:
 
 def proof_numbers(design: PoseEvidence) -> dict[str, object]:
     """Numbers of the proofs for design.json."""
-    proof, certificate, box = design.certified, design.certified.certificate, design.certified.box
+    proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
     tolerances: dict[str, object] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
     if box is not None and box.certificate is not None:
         tolerances = {
@@ -260,7 +260,7 @@ def _notes(design: PoseEvidence) -> Blocks:
 
 
 def _proof(design: PoseEvidence) -> Blocks:
-    certificate, box = design.certified.certificate, design.certified.box
+    certificate, box = design.proof.certificate, design.proof.box
     if certificate is not None:
         covers, share, sampled = covers_tolerances(design), "was", certificate.sampled_level
         if sampled is not None:
@@ -268,7 +268,7 @@ def _proof(design: PoseEvidence) -> Blocks:
         yield from (
             Paragraph(
                 f"The level V ≤ {at_least(certificate.level, 5)} {share} proved in "
-                f"{number(design.certified.cpu_seconds, 2)} s "
+                f"{number(design.proof.cpu_seconds, 2)} s "
                 "of CPU with exact (outward rounded) arithmetic; the theorem stands in `certificate.json`, which "
                 "another program proves again:"
             ),
@@ -288,7 +288,7 @@ def _proof(design: PoseEvidence) -> Blocks:
             ),
             Listing(f"flexhinf certify --check {BOX_FILE}"),
         )
-    elif reason := design.certified.box_reason.rstrip("."):
+    elif reason := design.proof.box_reason.rstrip("."):
         yield Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")
 
 
@@ -330,7 +330,7 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
 
 
 def _strength(design: PoseEvidence) -> str:
-    certificate = design.certified.certificate
+    certificate = design.proof.certificate
     own = "" if certificate is None else f"; of the law that is used V ≤ {at_least(certificate.level)} is"
     return f"sampled{own or ', not'} proved"
 
@@ -374,11 +374,11 @@ def level_table(design: PoseEvidence) -> Table:
 def budget_of(design: PoseEvidence) -> Sequence[BudgetTerm]:
     """The budget of the step against the proved level, or against the sampled one where nothing is proved; none where
     the step starts outside."""
-    return design.attenuation.budget if design.certified.certificate is None else design.certified.budget
+    return design.attenuation.budget if design.proof.certificate is None else design.proof.budget
 
 
 def _budget(design: PoseEvidence) -> Blocks:
-    terms, which = budget_of(design), "sampled" if design.certified.certificate is None else "proved"
+    terms, which = budget_of(design), "sampled" if design.proof.certificate is None else "proved"
     budget, attained = terms[-1].budget, design.attenuation.attained
     bounded, outcome = np.isfinite(budget.level), "the loop with all its parts diverges."
     if np.isfinite(budget.total):

@@ -141,7 +141,7 @@ def payload(design: PoseEvidence) -> Blocks:
             "beyond the model's, unknown to law and estimator, acts on all links at once.",
             "Gripping the heaviest payload",
         )
-    (unit, scale), limits = units_of(e).small, design.about.limits
+    (unit, scale), limits = units_of(e).small, design.setup.limits
     rows: list[Sequence[object]] = []
     modelled = f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
     for name, step, m, case in (
@@ -201,7 +201,7 @@ def _payload_notes(design: PoseEvidence) -> Blocks:
                 "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
             )
             return
-    s, limits = design.specification, design.about.limits
+    s, limits = design.specification, design.setup.limits
     places = {
         line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS, 0.0)
     }

@@ -359,7 +359,7 @@ CLOSE = 0.12
 
 def samples(design: PoseEvidence) -> Blocks:
     """Bands, histograms and a table of the sampled robots; none where no robot was sampled."""
-    e, runs = design.evaluation, design.samples
+    e, runs = design.evaluation, design.evaluation.step_samples
     if runs is None or not len(runs):
         return
     if runs.diverged:

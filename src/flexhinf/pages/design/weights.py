@@ -192,7 +192,7 @@ def whole_loop(design: PoseEvidence) -> Blocks:
         "the tolerances were tried for the largest factor of all tolerances up to which no corner is unstable, with no "
         f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. {result}"
     )
-    volts = design.about.model.unit(design.about.model.inputs[0])
+    volts = design.setup.model.unit(design.setup.model.inputs[0])
     yield Table(
         ("running loop", "preset damped", "preset robust", "unit"),
         [
@@ -291,7 +291,7 @@ def noise_levels(design: PoseEvidence) -> Blocks:
     """Noise levels of the estimator, and their trade-off as figure and table; nothing without an estimator."""
     if design.specification.estimator == "none":
         return
-    noise, search = design.about.process_noise, design.synthesis.noise_search
+    noise, search = design.setup.process_noise, design.synthesis.noise_search
     joints = design.robot.joint_names
     levels = {
         "every state": noise.all_states,
@@ -302,15 +302,15 @@ def noise_levels(design: PoseEvidence) -> Blocks:
     robust = design.synthesis.robust is not None and design.synthesis.robust.better
     yield Paragraph(
         f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {', '.join(used) or '0'} "
-        f"({noise.source}). Rⁿ of the measurements: {range_text(design.about.noise_variances, 2)}. A "
+        f"({noise.source}). Rⁿ of the measurements: {range_text(design.setup.noise_variances, 2)}. A "
         "vibration that the estimator takes for undisturbed rings in its error, so a larger Rᵛ damps the running loop, "
         f"and gives it margins back; it costs noise at the motors.{_outcome(search, robust) if search else ''}"
     )
     if search is None:
         return
     yield from (lambda: _noise_figure(design, search), _noise_table(design, search))
-    if "damping" in search.chosen.missed and all(n.startswith("motor") for n in design.about.model.outputs):
-        setup = design.about
+    if "damping" in search.chosen.missed and all(n.startswith("motor") for n in design.setup.model.outputs):
+        setup = design.setup
         scales = JointScales.of(setup.model, setup.goal_equilibrium)
         part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
         worst = int(np.argmin(part))
@@ -328,7 +328,7 @@ def noise_levels(design: PoseEvidence) -> Blocks:
                 "joint",
                 Column("Rᵛ, link velocity", digits=2),
                 Column("Rᵛ, motor velocity", digits=2),
-                Column("noise at the motor (rms)", design.about.model.unit(design.about.model.inputs[0])),
+                Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
             ),
             list(zip(joints, *np.broadcast_arrays(*by_joint, search.chosen.noises), strict=True)),
             "The levels that are used, joint by joint",
@@ -367,7 +367,7 @@ def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
 
 
 def _noise_figure(design: PoseEvidence, search: NoiseSearch) -> Figure:
-    unit, target = design.about.model.unit(design.about.model.inputs[0]), design.design_problem.target
+    unit, target = design.setup.model.unit(design.setup.model.inputs[0]), design.design_problem.target
     marks, used = [("s", 7.0, search.chosen)], "squares: used (the default levels)"
     if search.default is not None and not is_used(search, search.default):
         marks.append(("D", 5.0, search.default))
@@ -408,7 +408,7 @@ def _noise_figure(design: PoseEvidence, search: NoiseSearch) -> Figure:
 
 
 def _noise_table(design: PoseEvidence, search: NoiseSearch) -> Table:
-    unit = design.about.model.unit(design.about.model.inputs[0])
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
 
     def metrics(c: NoiseCandidate) -> tuple[float, ...]:
         return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
